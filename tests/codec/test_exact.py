@@ -16,6 +16,7 @@ from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, NumericError
 from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.system.threads import Crew
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def test_planes_come_back_bit_for_bit(gaussians, data):
     container = read_container(data)
     for layer, exact in zip(gaussians.layers, container.body.layers, strict=True):
         planes, _ = exact_planes(GraphStore(), layer, drop_invalid=False, where="")
-        geometry, sh = decode_exact(exact, threads=2)
+        geometry, sh = decode_exact(exact, Crew(2))
         assert (geometry[:, 1:] == planes[:, 2:12].astype(np.float64)).all()
         assert (geometry[:, 0] == planes[:, 0].astype(np.float64) + planes[:, 1]).all()
         assert (sh == np.moveaxis(planes[:, 12:], 1, -1).reshape(sh.shape)).all()

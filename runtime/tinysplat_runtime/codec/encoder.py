@@ -57,6 +57,10 @@ class EncodeStats:
     left_out: int = 0
     left_out_psnr: float | None = None
 
+    def add_clipped(self, plane_class: PlaneClass, count: int) -> None:
+        """So many samples of a class were clipped."""
+        self.clipped[plane_class.label] = self.clipped.get(plane_class.label, 0) + count
+
 
 @dataclass(frozen=True)
 class MappedChannel:
@@ -117,8 +121,7 @@ class SceneEncoder:
             InputError: a list, more views than 4,096.
             NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
         """
-        if not gaussians.is_per_pixel:
-            raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+        gaussians.check_pixels()
         if len(gaussians.cameras) > MAX_VIEWS:
             raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
         self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
@@ -154,20 +157,25 @@ class SceneEncoder:
                 for channel in plan.channels:
                     coding.begin(channel)
             coded = [coding.finish(layer, plan) for layer, plan in pairs]
-        with self.stats.watch.stage("write"):
-            cameras, origin = self.gaussians.cameras, self.gaussians.origin
-            notes = self.gaussians.notes
-            data = write_container(coded, cameras, origin, self.profile.name, qp, notes=notes)
-            check_readable(data)
-        return data
+        return write_planes(coded, self.gaussians, self.profile, qp, self.stats)
 
 
-def check_readable(data: bytes) -> None:
-    """Refuse to hand out a file that no reader would take: scenes at the end of float32 can lead to one."""
-    try:
-        read_container(data, _UNLIMITED)
-    except FormatError as error:
-        raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
+def write_planes(
+    layers: Sequence[CodedLayer], gaussians: Gaussians, profile: Profile, qp: float, stats: EncodeStats
+) -> bytes:
+    """The file of coded layers.
+
+    Raises:
+        NumericError: no reader would take it: scenes at the end of float32 can lead to that.
+    """
+    cameras, origin, notes = gaussians.cameras, gaussians.origin, gaussians.notes
+    with stats.watch.stage("write"):
+        data = write_container(layers, cameras, origin, profile.name, qp, notes=notes)
+        try:
+            read_container(data, _UNLIMITED)
+        except FormatError as error:
+            raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
+    return data
 
 
 class _OnceEach:
@@ -263,9 +271,7 @@ class _Coding:
             planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
         for mapped, coded in planes:
             if mapped.code_map is not None:
-                label = mapped.channel.plane_class.label
-                clipped = self._stats.clipped
-                clipped[label] = clipped.get(label, 0) + sum(count for _, count in coded)
+                self._stats.add_clipped(mapped.channel.plane_class, sum(count for _, count in coded))
         sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
         assert len(sets) <= 1, "parameter sets differ among planes of one size"
         height, width = layer.opacities.shape[1:]

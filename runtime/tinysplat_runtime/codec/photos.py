@@ -8,7 +8,6 @@ done here, since those of libswscale differ between versions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,8 @@ from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
 from ..system.blas import product
-from .hevc import PictureDecoder, encode_picture
+from ..system.threads import Crew
+from .hevc import CodedPlane, PictureDecoder, encode_picture
 from .profiles import EncoderSettings
 
 BASE_QP = 20
@@ -56,15 +56,13 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     """
     picture_qp = photo_qp(qp)
 
-    def encode(image: NDArray) -> tuple[bytes, bytes]:
-        coded = encode_picture(picture_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
-        return coded.parameter_sets, coded.payload
+    def encode(image: NDArray) -> CodedPlane:
+        return encode_picture(picture_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        coded = list(pool.map(encode, images))
+    coded = Crew(threads).map(encode, images)
     height, width = images.shape[1:3]
-    assert len({sets for sets, _ in coded}) == 1, "parameter sets differ among photos of one size"
-    return CodedPhotos(height, width, picture_qp, coded[0][0], tuple(payload for _, payload in coded))
+    (sets,) = {picture.parameter_sets for picture in coded}  # the same of all pictures of one size
+    return CodedPhotos(height, width, picture_qp, sets, tuple(picture.payload for picture in coded))
 
 
 def decode_photos(photos: PhotoHeader, parameter_sets: bytes, threads: int) -> NDArray:
@@ -83,8 +81,7 @@ def decode_photos(photos: PhotoHeader, parameter_sets: bytes, threads: int) -> N
             raise FormatError(error.message, where=f"photo {view}") from None
         return planes_picture(planes, photos.height, photos.width)
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        return np.stack(list(pool.map(decode, range(len(photos.streams)))))
+    return np.stack(Crew(threads).map(decode, range(len(photos.streams))))
 
 
 def coded_photo_size(height: int, width: int) -> tuple[int, int]:

@@ -9,7 +9,6 @@ the file's bytes: an untouched scene becomes the same planes to the bit, an edit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,15 +18,16 @@ from ..container.body import Container
 from ..container.layers import CodedChannel, CodedLayer, LayerHeader
 from ..container.planes import Planes
 from ..container.records import ChannelRecord, Limits
-from ..container.writer import write_container
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
+from ..gaussian.sh import resized_sh
 from ..graphs.inference import GraphStore
+from ..system.threads import Crew
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
 from .decoder import decode_file, read_file
-from .encoder import EncodeStats, check_readable
+from .encoder import EncodeStats, write_planes
 from .hevc import CodedPlane, encode_plane
 from .one_colour import as_seen
 from .profiles import EncoderSettings, PaperSettings, Profile, find_profile
@@ -95,25 +95,19 @@ def encode_like(
             earlier = decode_file(read, store, threads=threads)
         except FormatError as error:
             raise error.within(_WHERE) from None
-    coded = []
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for index, layer in enumerate(layers):
-            pair = gaussians.layers[index], earlier.layers[index]
-            coder = _LayerCoder(container, layer, index, profile.encoder, pool, stats)
-            coded.append(coder.code(*_targets(store, layer, *pair, profile, drop_invalid, stats)))
-    with stats.watch.stage("write"):
-        cameras, notes = gaussians.cameras, gaussians.notes
-        data = write_container(coded, cameras, gaussians.origin, profile.name, container.qp, notes=notes)
-        check_readable(data)
-    return data
+    coded, crew = [], Crew(threads)
+    for index, layer in enumerate(layers):
+        pair = gaussians.layers[index], earlier.layers[index]
+        coder = _LayerCoder(container, layer, index, profile.encoder, crew, stats)
+        coded.append(coder.code(*_targets(store, layer, *pair, profile, drop_invalid, stats)))
+    return write_planes(coded, gaussians, profile, container.qp, stats)
 
 
 def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHeader, ...], Profile]:
     """The file's layers and profile; InputError unless the file can serve as the scene's model."""
     if not isinstance(container.body, Planes):
         raise InputError(f"a file of mode {container.mode}, expected gaussians", where=_WHERE)
-    if not gaussians.is_per_pixel:
-        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    gaussians.check_pixels()
     found = [layer.opacities.shape for layer in gaussians.layers]
     wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.body.layers]
     if found != wanted:
@@ -183,10 +177,7 @@ def _colours(
 ) -> dict[tuple[PlaneClass, int], NDArray]:
     if header.degree == 0:
         layer = as_seen(layer, np.inf) or layer
-    functions = (header.degree + 1) ** 2
-    sh = np.zeros((*layer.sh.shape[:-2], functions, 3), np.float32)
-    kept = layer.sh[..., :functions, :]
-    sh[..., : kept.shape[-2], :] = kept
+    sh = np.ascontiguousarray(resized_sh(layer.sh, (header.degree + 1) ** 2))
     if reduction is None:
         planes = np.moveaxis(sh[..., 0, :], -1, 1)
     else:
@@ -232,12 +223,12 @@ class _LayerCoder:
         layer: LayerHeader,
         index: int,
         settings: EncoderSettings,
-        pool: ThreadPoolExecutor,
+        crew: Crew,
         stats: EncodeStats,
     ) -> None:
         self._container, self._index, self._header = container, index, layer
-        self._settings, self._pool, self._stats = settings, pool, stats
-        self._sets = container.parameter_sets.get(self._header.parameter_set, b"")
+        self._settings, self._crew, self._stats = settings, crew, stats
+        self._sets = container.parameter_sets.get(layer.parameter_set, b"")
 
     def code(self, targets: dict[tuple[PlaneClass, int], _Target], plan: LayerPlan) -> CodedLayer:
         """The layer ready for the file."""
@@ -269,10 +260,9 @@ class _LayerCoder:
     def _coded(self, record: ChannelRecord, target: _Target, sets: set[bytes]) -> CodedChannel:
         code_map = CodeMap(record.scale, record.offset, record.qp)
         codes, clipped = code_map.quantise(target.rest)
-        label = record.plane_class.label
-        self._stats.clipped[label] = self._stats.clipped.get(label, 0) + clipped
+        self._stats.add_clipped(record.plane_class, clipped)
         views = range(len(codes))
-        coded = list(self._pool.map(lambda view: self._picture(record, codes[view], target.same[view], view), views))
+        coded = self._crew.map(lambda view: self._picture(record, codes[view], target.same[view], view), views)
         for view, (plane, _, is_fresh) in enumerate(coded):
             if is_fresh:
                 sets.add(plane.parameter_sets)

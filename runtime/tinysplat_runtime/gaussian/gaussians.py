@@ -125,6 +125,11 @@ class Gaussians:
         """Whether there is one Gaussian per pixel of known cameras."""
         return bool(self.cameras)
 
+    def check_pixels(self) -> None:
+        """InputError for a list."""
+        if not self.is_per_pixel:
+            raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+
     @property
     def layers(self) -> tuple[Gaussians, ...]:
         """All layers, this one first."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from ...gaussian.curve import cells_of
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import PlaneClass
 from ...system.blas import product
+from ...system.threads import Crew
 from ..hevc import CodedPlane
 from ..missing import PlaneRef
 from .attributes import Columns, expanded, from_columns
@@ -85,14 +85,14 @@ def decode_free(container: Container, scene: FreeScene, missing: Collection[Plan
     if not present:
         raise FormatError("holds no positions", where="file")
     growth = scene.tiers[present].growth if present < len(tiers) else 0.0
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        parts = [_decode_tier(tier, growth, pool) for tier in tiers[:present]]
+    crew = Crew(threads)
+    parts = [_decode_tier(tier, growth, crew) for tier in tiers[:present]]
     names = parts[0].keys()
     fields = parts[0] if present == 1 else {name: np.concatenate([part[name] for part in parts]) for name in names}
     return Gaussians.unchecked(**fields, origin=container.origin)
 
 
-def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArray]:
+def _decode_tier(tier: _Tier, growth: float, crew: Crew) -> dict[str, NDArray]:
     """The arrays of one tier's Gaussians."""
     scene, own, grid = tier.scene, tier.own, tier.own.grid
     keys = decode_points(grid.streams, grid.levels, grid.leaves, grid.escapes, own.count)
@@ -110,7 +110,7 @@ def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArra
     rest = {c.record.key: c for c in own.channels}
     rest = {name: channel for name, channel in rest.items() if name not in found}
     jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]
-    found |= dict(zip(rest, pool.map(lambda job: tier.values(*job), jobs), strict=True))
+    found |= dict(zip(rest, crew.map(lambda job: tier.values(*job), jobs), strict=True))
     columns = columns_of(found, scene.size_middle, scene.mean, scene.basis)
     return {"means": means, **from_columns(columns.as_spheres() if tier.is_of_spheres else columns, growth)}
 
