@@ -64,22 +64,15 @@ class EncodeStats:
 
 @dataclass(frozen=True)
 class MappedChannel:
-    """A channel and what its codes mean, or its one value where there is no code map.
-
-    Attributes:
-        value: what stands for all of them then.
-        window: values outside are clipped.
-    """
+    """A channel and what its codes mean; values outside the window are clipped."""
 
     channel: Channel
-    code_map: CodeMap | None
-    value: float = 0.0
-    window: tuple[float, float] = (0.0, 0.0)
+    code_map: CodeMap
+    window: tuple[float, float]
 
     def codes(self, view: int) -> tuple[NDArray, int]:
         """A view's codes (H, W) uint16, and how many values were clipped."""
         values, (low, high) = self.channel.values[view], self.window
-        assert self.code_map is not None
         # Codes may reach a little beyond the window, whose ends a coarse step rounds; only what lies outside is lost.
         return self.code_map.quantise(values)[0], int(np.count_nonzero((values < low) | (values > high)))
 
@@ -138,7 +131,7 @@ class SceneEncoder:
     def plan(self, qp: float) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
         check_qp(qp)
-        return self._planner.plan(qp)
+        return self._planner.plan(qp, lambda channel: None)
 
     def code(self, plans: Sequence[LayerPlan], qp: float) -> bytes:
         """The file of such plans; `qp` is what its header says."""
@@ -216,9 +209,9 @@ def map_channel(channel: Channel) -> MappedChannel:
     if channel.plane_class != PlaneClass.DEPTH:
         low, high = without_outliers(values, low, high, channel.step)
     mean, spread = mean_and_spread(values)
-    if is_flat(channel, mean, spread, channel.step):
-        return MappedChannel(channel, None, mean)
-    return MappedChannel(channel, choose_code_map(low, high, mean, channel.step), window=(low, high))
+    flat = is_flat(channel, mean, spread, channel.step)
+    code_map = CodeMap(0.0, mean, 0) if flat else choose_code_map(low, high, mean, channel.step)
+    return MappedChannel(channel, code_map, (low, high))
 
 
 _Jobs: TypeAlias = list[Future[tuple[CodedPlane, int]]]
@@ -250,7 +243,7 @@ class _Coding:
     def _submit(self, mapped: MappedChannel) -> _Jobs:
         """Codes are made, and let go, where they are coded."""
         code_map, offsets = mapped.code_map, mapped.channel.offsets
-        if code_map is None:
+        if not code_map.scale:
             return []
 
         def code(view: int) -> tuple[CodedPlane, int]:
@@ -269,27 +262,22 @@ class _Coding:
                 refinement = _refine(jobs[0][0], depth, plan.refine_depth, self._pool)
                 jobs.insert(1, (refinement, self._submit(refinement)))
             planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
+        channels = []
         for mapped, coded in planes:
-            if mapped.code_map is not None:
+            if coded:
                 self._stats.add_clipped(mapped.channel.plane_class, sum(count for _, count in coded))
+            code_map, payloads = mapped.code_map, tuple(plane.payload for plane, _ in coded)
+            channels.append(CodedChannel(*mapped.channel.key, code_map.qp, code_map.scale, code_map.offset, payloads))
         sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
         assert len(sets) <= 1, "parameter sets differ among planes of one size"
         height, width = layer.opacities.shape[1:]
-        return CodedLayer(
-            height,
-            width,
-            layer.degree,
-            plan,
-            tuple(_coded_channel(mapped, [plane for plane, _ in coded]) for mapped, coded in planes),
-            next(iter(sets), b""),
-            layer.cameras,
-        )
+        parameter_sets = next(iter(sets), b"")
+        return CodedLayer(height, width, layer.degree, plan, tuple(channels), parameter_sets, layer.cameras)
 
 
 def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor) -> MappedChannel:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
     values, code_map = base.channel.values, base.code_map
-    assert code_map is not None
     rest = scratch.zeros(values.shape)
 
     def decode(view: int) -> None:
@@ -299,11 +287,3 @@ def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool:
 
     list(pool.map(decode, range(len(coded))))
     return map_channel(replace(base.channel, values=rest, step=step, window=extent(rest)))
-
-
-def _coded_channel(mapped: MappedChannel, planes: Sequence[CodedPlane]) -> CodedChannel:
-    channel, code_map = mapped.channel, mapped.code_map
-    if code_map is None:
-        return CodedChannel(channel.plane_class, channel.target, 0, 0.0, mapped.value)
-    payloads = tuple(plane.payload for plane in planes)
-    return CodedChannel(channel.plane_class, channel.target, code_map.qp, code_map.scale, code_map.offset, payloads)

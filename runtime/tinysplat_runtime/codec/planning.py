@@ -13,7 +13,6 @@ from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from .adaptive import (
     AdaptiveLayer,
-    LayerGeometry,
     adaptive_plan,
     color_channels,
     known_channels,
@@ -52,7 +51,7 @@ Ready: TypeAlias = Callable[[Channel], object]
 class Planner(Protocol):
     """Says how a scene is coded."""
 
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; `ready` is given channels that are known before the others."""
 
 
@@ -62,17 +61,15 @@ class PaperPlanner:
     def __init__(self, scene: ProjectedScene, settings: PaperSettings) -> None:
         self._scene, self._settings = scene, settings
 
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
-        pairs = zip(self._scene.layers, self._scene.projected, strict=True)
-        return [self._layer_plan(layer, projected, qp) for layer, projected in pairs]
-
-    def _layer_plan(self, layer: Gaussians, projected: ProjectedLayer, qp: float) -> LayerPlan:
-        scene, settings = self._scene, self._settings
-        with scene.watch.stage("vabr"):
-            colors, reduction = paper_colors(scene.store, layer, settings)
-        with scene.watch.stage("quantise"):
-            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
+        scene, settings, plans = self._scene, self._settings, []
+        for layer, projected in zip(scene.layers, scene.projected, strict=True):
+            with scene.watch.stage("vabr"):
+                colors, reduction = paper_colors(scene.store, layer, settings)
+            with scene.watch.stage("quantise"):
+                plans.append(paper_plan(projected, colors, reduction, layer.degree, settings, qp))
+        return plans
 
 
 class AdaptivePlanner:
@@ -88,22 +85,28 @@ class AdaptivePlanner:
         self._prepared: list[AdaptiveLayer] | None = None
         self._steps: list[Steps] | None = None
 
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
         watch, settings = self._scene.watch, self._settings
         known = [list(known_channels(layer, index, settings, qp)) for index, layer in enumerate(self._geometry)]
-        _say_ready(known, ready)
+        for channel in itertools.chain(*known):
+            ready(channel)
         with watch.stage("vabr"):
             if self._prepared is None:
-                self._prepared = _prepare(self._scene, self._geometry, settings, 0.0)
-            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._geometry, settings, qp)
+                self._prepared = self._layers(0.0)
+            prepared = self._prepared if qp >= 0 else self._layers(qp)
         colors = [list(color_channels(layer, index, settings, qp)) for index, layer in enumerate(prepared)]
-        _say_ready(colors, ready)
+        for channel in itertools.chain(*colors):
+            ready(channel)
         with watch.stage("quantise"):
             if self._steps is None:
                 self._steps = scene_steps(self._prepared, settings, self._scene.threads)
             layers = zip(prepared, self._steps, known, colors, strict=True)
             return [adaptive_plan(layer, steps, [*a, *b], settings, qp) for layer, steps, a, b in layers]
+
+    def _layers(self, qp: float) -> list[AdaptiveLayer]:
+        pairs = zip(self._scene.layers, self._geometry, strict=True)
+        return [prepare_layer(self._scene.store, layer, planes, self._settings, qp) for layer, planes in pairs]
 
 
 def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:
@@ -111,16 +114,3 @@ def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:
     if isinstance(profile.settings, PaperSettings):
         return PaperPlanner(scene, profile.settings)
     return AdaptivePlanner(scene, profile.settings)
-
-
-def _say_ready(channels: Sequence[Sequence[Channel]], ready: Ready | None) -> None:
-    if ready is not None:
-        for channel in itertools.chain(*channels):
-            ready(channel)
-
-
-def _prepare(
-    scene: ProjectedScene, geometry: Sequence[LayerGeometry], settings: AdaptiveSettings, qp: float
-) -> list[AdaptiveLayer]:
-    pairs = zip(scene.layers, geometry, strict=True)
-    return [prepare_layer(scene.store, layer, planes, settings, qp) for layer, planes in pairs]

@@ -28,6 +28,7 @@ from ...gaussian.planes import PlaneClass
 from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
 from ...system.threads import Crew
+from ..basis import leading_signs
 from ..encoder import EncodeStats, check_qp
 from ..hevc import CodedPlane, encode_plane
 from ..profiles import EncoderSettings, Profile
@@ -429,8 +430,7 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     least = factor * np.array([_colour_step(n) * (FLAT_SHARE if n < 3 else COLOUR_SHARE) for n in numbers])
     k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
     chosen = vectors[:, ::-1][:, :k]
-    signs = np.sign(chosen[np.abs(chosen).argmax(axis=0), np.arange(k)])
-    basis = (chosen * signs).astype(np.float16)
+    basis = (chosen * leading_signs(chosen)).astype(np.float16)
     wide = basis.astype(np.float64)
     projection = np.linalg.solve(product(wide.T, wide), wide.T).T if k else wide
     parts = [
