@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from console import fail, succeed
 from PIL import Image
-from scenes import make_smooth_gaussians, psnr, tells, write_scene
+from scenes import make_smooth_gaussians, psnr, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
@@ -237,12 +237,3 @@ def test_encode_ends_with_how_like_its_photos_it_looks(scene, tmp_path):
     gaussians = ts.load_gaussians(tmp_path / "a.tsplat")
     facts = (2, "64x48", gaussians.count, (tmp_path / "a.tsplat").stat().st_size, "dB")
     assert tells(said, " ".join(map(str, facts)))
-
-
-def test_photos_are_scaled_to_what_networks_are_good_for_unless_asked_otherwise(tmp_path):
-    from tinysplat_runtime.recipe.prepare import LARGE_PIXELS, fitting_size
-
-    folder = write_scene(tmp_path / "large", views=2, height=1920, width=1080)
-    height, width = fitting_size(ts.load_scene(folder))
-    assert height * width <= LARGE_PIXELS and height / width == pytest.approx(16 / 9, rel=0.01)
-    assert fitting_size(ts.load_scene(folder).resized(256, 384)) is None

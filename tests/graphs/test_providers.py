@@ -44,7 +44,7 @@ def test_names_carry_options(text: str, expected: tuple[str, dict[str, str]]) ->
 
 @pytest.mark.parametrize("text", ["CUDA:", "CUDA:device_id", "CUDA:=1", "CUDA:device_id=", ":device_id=1", "CUDA:a=1,"])
 def test_what_is_no_option_is_said(text: str) -> None:
-    with refusing(InputError, f"--provider '{text}' NAME key=value"):
+    with refusing(InputError, f"provider: '{text}' NAME key=value"):
         providers_of(text)
 
 
@@ -103,7 +103,7 @@ def test_a_plug_in_package_is_found_by_its_provider(tmp_path: Path) -> None:
     for provider, words in (
         ("Fake", f"FakeExecutionProvider {library}"),
         ("Nope", "NopeExecutionProvider CPUExecutionProvider FakeExecutionProvider"),
-        ("Fake:library", "--provider 'library' 'Fake:library' NAME:key=value"),
+        ("Fake:library", "provider: 'library' 'Fake:library' NAME:key=value"),
     ):
         done = run("compress", "g.npz", "-o", "g.tsplat", "--provider", provider, cwd=tmp_path, path=str(tmp_path))
         assert done.returncode == 2 and tells(done.stderr, words), done.stderr

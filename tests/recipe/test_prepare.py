@@ -162,6 +162,18 @@ def test_nothing_is_said_of_two_to_six_photos_as_they_are(monkeypatch, taken: in
     assert prepared(EncodeRequest.of(scene), lines.append).frames == scene.frames and lines == []
 
 
+@pytest.mark.parametrize("size", [None, "full"])
+def test_large_photos_are_scaled_to_the_size_that_is_said_unless_asked_otherwise(size: str | None) -> None:
+    lines: list[str] = []
+    found = prepared(EncodeRequest.of(photos_of(2, 1920, 1080, near=1.0, far=2.0), size=size), lines.append).cameras[0]
+    if size is not None:
+        assert (found.height, found.width) == (1920, 1080) and not lines
+        return
+    assert found.height * found.width <= prepare.LARGE_PIXELS
+    assert found.height / found.width == pytest.approx(16 / 9, rel=0.01)
+    assert tells(lines[0], f"1080x1920 {found.width}x{found.height} --size") and len(lines) == 1
+
+
 def test_one_photo_is_too_few(capture: Path) -> None:
     with pytest.raises(ts.InputError):
         chosen(capture, views=[3])
@@ -183,11 +195,11 @@ def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -
         (
             ["a"],
             {"focal": 5.0, "baseline": 1.0},
-            "--focal: one path, expected the left and the right photo of a stereo pair",
+            "focal: one path, expected the left and the right photo of a stereo pair",
         ),
         (["a", "b", "c"], {"focal": 5.0, "baseline": 1.0}, "encode: 3 paths with --focal and --baseline, expected"),
         ([], {}, "encode: 0 paths with neither"),
-        (["a", "b"], {"poses": "p"}, "--poses: with 2 paths, expected one video"),
+        (["a", "b"], {"poses": "p"}, "poses: with 2 paths, expected one video"),
         ({"a": 1}, {}, "scene: {'a': 1}, expected a Scene, a path or a list of them"),
         (photos_of(2, 8, 8), {"baseline": 1.0}, "baseline: with a Scene, which has its cameras; expected none"),
         (photos_of(2, 8, 8), {"focal": 1.0, "poses": "p"}, "focal: with a Scene"),

@@ -10,7 +10,7 @@ from scenes import make_gaussians, make_smooth_gaussians
 
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.refine.coarse import bring_up, halved, halved_picture, halved_target, lacking_alike
-from tinysplat_runtime.refine.refine import refine
+from tinysplat_runtime.refine.refine import Refining
 from tinysplat_runtime.refine.settings import LIMITS
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import Renderer
@@ -82,9 +82,9 @@ def worn(tmp_path_factory: pytest.TempPathFactory):
 
 def test_small_steps_gain_and_count(worn) -> None:
     stats = RefineStats()
-    refine(worn[0], worn[1], steps=6, profile=TOLD[0], run_jobs=TOLD[2], stats=stats)
+    Refining(*worn, *TOLD, steps=6, stats=stats).run()
     assert stats.steps == 6 and stats.looks[0][0] == 0 and stats.looks[-1][0] == 6
     assert stats.after > stats.before and stats.looks[-1][1] > stats.looks[0][1]
     alone = RefineStats()
-    refine(worn[0], worn[1], steps=1, profile=TOLD[0], run_jobs=TOLD[2], stats=alone)
+    Refining(*worn, *TOLD, steps=1, stats=alone).run()
     assert stats.looks[-1][1] > alone.looks[-1][1]  # one at full size is not what gained

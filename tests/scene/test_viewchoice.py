@@ -51,7 +51,7 @@ def test_impossible_numbers_are_refused(count: int) -> None:
 
 
 def test_photos_of_one_place_are_refused() -> None:
-    with refusing(InputError, "--views"):
+    with refusing(InputError, "views:"):
         choose_views([camera_at(0.0, turn=0.1 * i) for i in range(3)], 1.0, 2.0, 2)
 
 
@@ -92,7 +92,7 @@ def test_so_many_are_kept_as_are_asked_for_and_they_are_spread() -> None:
 
 def test_a_photo_that_matches_nothing_is_not_needed() -> None:
     assert needed_views([*row(8, 0.3), camera_at(900.0)], NEAR, FAR) == list(range(8))
-    with refusing(InputError, "--views"):
+    with refusing(InputError, "views:"):
         needed_views([camera_at(0.0, turn=turn) for turn in (0.0, 0.1, 0.2)], NEAR, FAR)
 
 

@@ -37,10 +37,10 @@ def parse_provider(text: str) -> tuple[str, dict[str, str]]:
     for item in rest.split(",") if colon else ():
         key, _, value = (part.strip() for part in item.partition("="))
         if not key or not value:
-            raise InputError(f"'{item}' in '{text}', expected NAME:key=value[,key=value]", where="--provider")
+            raise InputError(f"'{item}' in '{text}', expected NAME:key=value[,key=value]", where="provider")
         options[key] = value
     if not name:
-        raise InputError(f"'{text}' names none, expected NAME[:key=value[,key=value]]", where="--provider")
+        raise InputError(f"'{text}' names none, expected NAME[:key=value[,key=value]]", where="provider")
     return name, options
 
 

@@ -91,13 +91,13 @@ def named_scene(request: EncodeRequest) -> Scene:
         raise InputError(f"{shown(request.scene)}, expected a Scene, a path or a list of them", where="scene")
     if request.poses is not None:
         if len(paths) != 1:
-            raise InputError(f"with {len(paths)} paths, expected one video", where="--poses")
+            raise InputError(f"with {len(paths)} paths, expected one video", where="poses")
         return video_scene(paths[0], request.poses, near=near, far=far, first_number=request.first_number)
     if len(paths) == 1 and not given:
         return load_scene(paths[0], near=near, far=far)
     if len(paths) == 1:
         fault = "one path, expected the left and the right photo of a stereo pair"
-        raise InputError(f"{fault}: a scene has its cameras", where=f"--{given[0]}")
+        raise InputError(f"{fault}: a scene has its cameras", where=given[0])
     if len(paths) != 2 or request.focal is None or request.baseline is None:
         options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
         fault = f"{len(paths)} paths with {options}"
@@ -112,7 +112,7 @@ def _chosen_views(
     """The views that are asked for or needed, with their depth range, and in words how they were chosen."""
     count, asked = len(scene.frames), request.views
     if isinstance(asked, tuple) and len(asked) < 2:
-        raise InputError(f"{len(asked)} photo, expected two or more", where="--views")
+        raise InputError(f"{len(asked)} photo, expected two or more", where="views")
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
     if isinstance(asked, tuple):
@@ -271,5 +271,5 @@ def _say_crop(photo: tuple[int, int], size: tuple[int, int], say: Callable[[str]
     fitting = [(round(photo[0] * share), round(photo[1] * share)) for share in (scale, scale * (1 - lost))]
     whole = " and ".join(f"{width}x{height}" for height, width in fitting)
     if lost > MOST_CROP and size[0] != size[1]:
-        raise InputError(f"{said}; {whole} keep them whole", where="--size")
+        raise InputError(f"{said}; {whole} keep them whole", where="size")
     say(f"{said}; {whole} keep them whole")

@@ -129,21 +129,12 @@ def refine(
 ) -> Gaussians:
     """Gaussians that show their photos better; see `Runtime.refine`, whose default None stands for."""
     try:
-        from ..refine.refine import refine as run
+        from ..refine.refine import Refining
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
     budget = Refinement() if refinement is None else refinement
-    return run(
-        gaussians,
-        scene,
-        steps=budget.steps,
-        seconds=budget.seconds,
-        profile=coding.planes,
-        qp=coding.step_qp,
-        run_jobs=Crew(tools.threads).map,
-        stats=stats,
-        show=show,
-    )
+    told = coding.planes, coding.step_qp, Crew(tools.threads).map
+    return Refining(gaussians, scene, *told, steps=budget.steps, seconds=budget.seconds, stats=stats).run(show)
 
 
 def code(
@@ -171,7 +162,7 @@ def code(
     if coding.mode == DEFAULT_MODE:
         return _planes(gaussians, coding, tools, stats)
     if photos is None:
-        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
+        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="mode")
     seconds = stats.watch.seconds.get("network", 0.0)
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, photos=photos)
     stats.mode = coding.mode

@@ -36,19 +36,8 @@ SAME_PICTURE = 0.25
 0.6 to 0.99 for photos they were made of, about 0 for photos of another scene."""
 
 
-def refine(
-    gaussians: Gaussians,
-    scene: Scene,
-    *,
-    steps: int | None = None,
-    seconds: float | None = None,
-    profile: Profile,
-    qp: float = 0.0,
-    run_jobs: Callable,
-    stats: RefineStats | None = None,
-    show: Callable[..., Iterator[int]] | None = None,
-) -> Gaussians:
-    """Correct Gaussians until they show the photos that they were made of.
+class Refining:
+    """Gaussians that are corrected until they show the photos that they were made of.
 
     Every step draws all photos, one after the other, takes the gradient of what each lacks (L1, after a gain and an
     offset a photo) and moves the Gaussians of every layer that it sees along their pixels' rays, in size, opacity and
@@ -56,36 +45,6 @@ def refine(
     best, and the very Gaussians that were given if none was better than the start. Of three photos or more, the first
     steps are taken on smaller copies (`coarse.py`). Of a capture, which has more than six photos, a few are held back
     and correct nothing before the end: the result is the last step, and what was given if these contradict it.
-
-    Args:
-        gaussians: per pixel, with cameras, of two views or more.
-        scene: the photos, found by their cameras' poses; those of twice the size are used where they are at hand.
-        steps: how many to take at most, without `seconds` as many as are usual: 8 for a capture, else 12; the same
-            number gives the same result on any number of threads.
-        seconds: for how long, in place of `steps`; no step begins that would end later, as far as can be told.
-        profile, qp: what the result will be coded with: what bits of its planes are worth is counted in its steps.
-        run_jobs: maps a function over a list, on any number of threads.
-        stats: filled with what was done.
-        show: passes an iterator of steps on, given it, how many there will be at most (None where time decides) and
-            what says how things stand.
-
-    Returns:
-        Gaussians whose notes say how they were refined, or `gaussians`.
-
-    Raises:
-        InputError: photos that do not fit the Gaussians, or a budget out of range.
-    """
-    limit = _limit(steps, seconds, len(gaussians.cameras))
-    deadline = math.inf if seconds is None else time.perf_counter() + seconds
-    refining = Refining(gaussians, scene, profile, qp, run_jobs, stats)
-    taken = refining.advance(limit, deadline)
-    for _ in show(taken, limit if seconds is None else None, refining.note) if show else taken:
-        pass
-    return refining.result()
-
-
-class Refining:
-    """Gaussians being refined, step by step: first smaller copies of them, then they themselves.
 
     Attributes:
         stats: what was done so far.
@@ -98,9 +57,29 @@ class Refining:
         profile: Profile,
         qp: float,
         run_jobs: Callable,
+        *,
+        steps: int | None = None,
+        seconds: float | None = None,
         stats: RefineStats | None = None,
     ) -> None:
-        """Begin; see `refine` for arguments and errors."""
+        """Look at the photos, and find what is wrong with them.
+
+        Args:
+            gaussians: per pixel, with cameras, of two views or more.
+            scene: the photos, found by their cameras' poses; those of twice the size are used where they are at hand.
+            profile, qp: what the result will be coded with: what bits of its planes are worth is counted in its steps.
+            run_jobs: maps a function over a list, on any number of threads.
+            steps: how many to take at most, without `seconds` as many as are usual: 8 for a capture, else 12; the same
+                number gives the same result on any number of threads.
+            seconds: for how long, in place of `steps`, with what is done here; no step begins that would end later, as
+                far as can be told.
+            stats: filled with what was done.
+
+        Raises:
+            InputError: photos that do not fit the Gaussians, or a budget out of range.
+        """
+        self._limit = _limit(steps, seconds, len(gaussians.cameras))
+        self._deadline = math.inf if seconds is None else time.perf_counter() + seconds
         self.stats = stats if stats is not None else RefineStats()
         self._start, self._worse, self._least = gaussians, 0, -math.inf
         self._told = profile, qp, run_jobs
@@ -130,16 +109,31 @@ class Refining:
             self.stats.held = len(self._loop.held)
             self.stats.before = self.stats.looks[0][1]
 
-    def advance(self, limit: int, deadline: float) -> Iterator[int]:
-        """Take steps, up to a number of them in all, or as long as what is then to be done ends before a
-        `time.perf_counter()`; ends by itself once they do no good.
+    def run(self, show: Callable[..., Iterator[int]] | None = None) -> Gaussians:
+        """Take the steps.
+
+        Args:
+            show: passes an iterator of steps on, given it, how many there will be at most (None where time decides) and
+                what says how things stand.
+
+        Returns:
+            Gaussians whose notes say how they were refined, or those given.
+        """
+        taken = self._advance()
+        for _ in show(taken, self._limit if self._deadline == math.inf else None, self._note) if show else taken:
+            pass
+        return self._result()
+
+    def _advance(self) -> Iterator[int]:
+        """Steps up to the limit, or as long as what is then to be done ends before the deadline; ends by itself once
+        they do no good.
         """
         loop, stats, settings = self._loop, self.stats, self._settings
         if loop is None:
             return
-        limit = min(limit, settings.most_steps)
+        limit = min(self._limit, settings.most_steps)
         below = steps_below(self._start.opacities[0].size, settings.steps_below, limit)
-        while stats.steps < below and self._has_time("small step", deadline):
+        while stats.steps < below and self._has_time("small step"):
             small = self._smaller or self._timed("copy", self._go_down)
             self._timed("small step", small.loop.step)
             stats.steps += 1
@@ -148,20 +142,20 @@ class Refining:
         if loop.held and stats.steps > stats.looks[-1][0]:
             self._look()
         taken = 0
-        while stats.steps < limit and self._worse < settings.patience and self._has_time("step", deadline):
+        while stats.steps < limit and self._worse < settings.patience and self._has_time("step"):
             self._timed("step", loop.step)
             stats.steps, taken = stats.steps + 1, taken + 1
             if taken % settings.look_every == 0:
                 self._look()
             yield stats.steps
 
-    def note(self) -> str:
+    def _note(self) -> str:
         """How things stand, in few words."""
         loop = self._smaller.loop if self._smaller else self._loop
         errors = loop.errors if loop else ()
         return f"photos {np.mean([error.psnr for error in errors]):.2f} dB" if errors else ""
 
-    def result(self) -> Gaussians:
+    def _result(self) -> Gaussians:
         """The best so far, of a capture the last, with notes that say how they were refined; the start where nothing
         was better, or photos held back contradict it.
         """
@@ -244,12 +238,12 @@ class Refining:
         self._seconds[what] = time.perf_counter() - start
         return found
 
-    def _has_time(self, step: str, deadline: float) -> bool:
+    def _has_time(self, step: str) -> bool:
         """Whether a step, a look at it and the end may be expected to fit."""
         assert self._loop is not None
         first = FIRST[step] * self._seconds["judging"] * len(self._sizes[0]) / len(self._loop.judged)
         ahead = self._seconds.get(step, first) + self._seconds["look"] + self._seconds["judging"]
-        return time.perf_counter() + ahead < deadline
+        return time.perf_counter() + ahead < self._deadline
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,7 +119,7 @@ def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int)
         InputError: there are fewer views, or no two of them see the same place from different ones.
     """
     if not 2 <= count <= len(cameras):
-        raise InputError(f"{count} of {len(cameras)} photos, expected 2 to {len(cameras)}", where="--views auto")
+        raise InputError(f"{count} of {len(cameras)} photos, expected 2 to {len(cameras)}", where="views")
     spread = np.linspace(0, len(cameras) - 1, min(len(cameras), max(MAX_CANDIDATES, count)))
     candidates = [int(i) for i in np.rint(spread)]
     values = _pair_values([cameras[i] for i in candidates], near, far)  # (C, C, P)
