@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
+from ..gaussian.planes import CODING_ORDER, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from ..system import scratch
 from ..system.blas import product, symmetric_eigen
@@ -93,7 +93,9 @@ class AdaptiveLayer(LayerGeometry):
 
 def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
     """Step of a class at Q_g = 0 where nothing is measured, in the units of its planes."""
-    return settings.gain / math.sqrt(settings.sensitivity[plane_class])
+    sensitivity = plane_class.facts.sensitivity
+    assert sensitivity is not None, "depth's step is measured"
+    return settings.gain / math.sqrt(sensitivity)
 
 
 def take_geometry(projected: ProjectedLayer) -> LayerGeometry:
@@ -150,12 +152,11 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     depth = settings.depth_step * -mean_of(inverse[0])
     opacity = class_step(settings, PlaneClass.OPACITY)
-    if settings.stripes > 0:
-        shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
-        probe = Probe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
-        depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
-        opacities = [layer.planes[PlaneClass.OPACITY][:, 0] for layer in layers]
-        opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
+    shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
+    probe = Probe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
+    depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
+    opacities = [layer.planes[PlaneClass.OPACITY][:, 0] for layer in layers]
+    opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
     return [
         {
             **known_steps(layer.scale_mix, index, settings),
@@ -185,7 +186,7 @@ def known_steps(scale_mix: tuple[NDArray, NDArray], index: int, settings: Adapti
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
     return {
         c: class_step(settings, c) * hidden.get(c, 1.0) * _factor(index, settings)
-        for c in settings.sensitivity
+        for c in CODING_ORDER
         if c not in MEASURED
     }
 

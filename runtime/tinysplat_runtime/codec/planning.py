@@ -68,7 +68,7 @@ class PaperPlanner:
             with scene.watch.stage("vabr"):
                 colors, reduction = paper_colors(scene.store, layer, settings)
             with scene.watch.stage("quantise"):
-                plans.append(paper_plan(projected, colors, reduction, layer.degree, settings, qp))
+                plans.append(paper_plan(projected, colors, reduction, layer.degree, qp))
         return plans
 
 

@@ -329,7 +329,7 @@ class _ChannelCoder:
                 channel = FreeChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
                 return _Coded(channel, None, rounded * order.gains + centre)
             code_map = choose_code_map(low, high, mean, step)
-            codes, _ = code_map.quantise(to_plane(order.sorted(numbers)))
+            codes, _ = code_map.quantise(to_plane(numbers[order.rows]))
             picture = encode_plane(codes, code_map.qp, self.settings)
             codes = picture.decoded(*codes.shape)
         record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)

@@ -30,16 +30,6 @@ class Order:
     rows: NDArray
     gains: NDArray
 
-    def sorted(self, values: NDArray) -> NDArray:
-        """Numbers (N,) of any dtype along the curve, in this order."""
-        return values[self.rows]
-
-    def restored(self, values: NDArray) -> NDArray:
-        """Inverse of `sorted`: (N,), the same dtype."""
-        out = np.empty_like(values)
-        out[self.rows] = values
-        return out
-
 
 def channel_values(channel: FreeChannel, codes: NDArray | None, order: Order) -> NDArray:
     """(N,) float64 by the curve, of a picture of codes or of a constant.
@@ -49,8 +39,9 @@ def channel_values(channel: FreeChannel, codes: NDArray | None, order: Order) ->
     record = channel.record
     if codes is None:
         return record.offset * order.gains + channel.centre
-    restored = order.restored(from_plane(codes, len(order.rows))).astype(np.float64)
-    return (restored * record.scale + record.offset) * order.gains + channel.centre
+    by_curve = np.empty(len(order.rows))
+    by_curve[order.rows] = from_plane(codes, len(order.rows))
+    return (by_curve * record.scale + record.offset) * order.gains + channel.centre
 
 
 def along_the_curve(count: int) -> Order:
