@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..container.layers import CodedChannel, CodedLayer
 from ..container.layout import MAX_VIEWS
+from ..container.planes import Planes
 from ..container.reader import read_container
 from ..container.records import Limits
 from ..container.writer import write_container
@@ -52,7 +53,7 @@ class EncodeStats:
 
     clipped: dict[str, int] = field(default_factory=dict)
     watch: Stopwatch = field(default_factory=Stopwatch)
-    mode: str = "gaussians"
+    mode: str = Planes.mode
     reason: str = ""
     left_out: int = 0
     left_out_psnr: float | None = None

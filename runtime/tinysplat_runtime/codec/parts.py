@@ -56,6 +56,7 @@ class SceneFile:
         limits: Limits | None = None,
         model: str | None = None,
         cache_bytes: int = CACHE_BYTES,
+        first_bytes: int = FIRST_BYTES,
     ) -> None:
         """Read the metadata.
 
@@ -64,6 +65,7 @@ class SceneFile:
             store, threads, model: as for `decode_file`.
             limits: what to accept.
             cache_bytes: most memory of decoded views that are kept; a call can take more for what it returns.
+            first_bytes: read at first, of which the metadata may take more or less.
 
         Raises:
             FormatError: damaged, foreign or beyond the limits.
@@ -73,7 +75,7 @@ class SceneFile:
         self.bytes_read = 0
         self._cached: OrderedDict[int, Gaussians] = OrderedDict()
         self._last: tuple[tuple[int, ...], Gaussians] | None = None
-        self._data, self._is_divided = self._metadata()
+        self._data, self._is_divided = self._metadata(first_bytes)
         if self._is_divided:
             outline = read_outline(self._data, limits)
             self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
@@ -142,9 +144,9 @@ class SceneFile:
         near, far = self._depths
         return nearest_views(self.cameras, camera, 2 / (1 / near + 1 / far), count)
 
-    def _metadata(self) -> tuple[bytes, bool]:
+    def _metadata(self, first_bytes: int) -> tuple[bytes, bool]:
         """All bytes before the first view, and whether views are units; else the whole file."""
-        data = self._read([(0, FIRST_BYTES)])[0]
+        data = self._read([(0, first_bytes)])[0]
         data = self._up_to(data, table_end(memoryview(data)))
         ranges = section_ranges(memoryview(data))
         first = next((start for kind, start, _ in ranges if kind == VIEW), None)

@@ -106,7 +106,7 @@ def encode_like(
 def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHeader, ...], Profile]:
     """The file's layers and profile; InputError unless the file can serve as the scene's model."""
     if not isinstance(container.body, Planes):
-        raise InputError(f"a file of mode {container.mode}, expected gaussians", where=_WHERE)
+        raise InputError(f"a file of mode {container.mode}, expected {Planes.mode}", where=_WHERE)
     gaussians.check_pixels()
     found = [layer.opacities.shape for layer in gaussians.layers]
     wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.body.layers]

@@ -154,8 +154,7 @@ def similarity(
 
     # a unit no longer fits what was enlarged
     notes = gaussians.notes if scale == 1 else replace(gaussians.notes, unit="")
-    extra_layers = tuple(move(layer) for layer in gaussians.extra_layers)
-    return replace(move(gaussians), extra_layers=extra_layers, notes=notes)
+    return Gaussians.stacked([move(layer) for layer in gaussians.layers]).with_notes(notes)
 
 
 def rotate_sh(sh: NDArray, rotation: NDArray) -> NDArray:

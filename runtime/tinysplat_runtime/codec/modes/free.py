@@ -34,4 +34,4 @@ def decode(file: OpenFile, body: Points) -> Gaussians:
     return replace(found, viewpoints=body.viewpoints)
 
 
-FREE = Mode("free", encode, decode, encoder)
+FREE = Mode(Points.mode, encode, decode, encoder)

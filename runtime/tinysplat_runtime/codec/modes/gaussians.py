@@ -36,4 +36,4 @@ def decode(file: OpenFile, body: Planes) -> Gaussians:
     return decode_layers(file, body)
 
 
-GAUSSIANS = Mode("gaussians", encode, decode, coder)
+GAUSSIANS = Mode(Planes.mode, encode, decode, coder)

@@ -43,4 +43,4 @@ def decode(file: OpenFile, body: Photos) -> Gaussians:
         return predict_grouped(images, container.cameras, network.near, network.far, graph, body.groups)
 
 
-PHOTOS = Mode("photos", encode, decode)
+PHOTOS = Mode(Photos.mode, encode, decode)
