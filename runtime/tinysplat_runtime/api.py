@@ -27,7 +27,7 @@ from .system.threads import available_cores
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
-    from .codec.encoder import EncodeStats
+    from .codec.job import EncodeStats
     from .codec.parts import SceneFile
     from .refine.stats import RefineStats
     from .scene.cameras import Camera

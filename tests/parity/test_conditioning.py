@@ -21,7 +21,8 @@ from tinysplat_runtime.codec.basis import (
     view_directions,
     weighted_spectrum,
 )
-from tinysplat_runtime.codec.encoder import EncodeStats, map_channel
+from tinysplat_runtime.codec.encoder import map_channel
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.codec.quantise import OUTLIER_SHARE
 from tinysplat_runtime.errors import NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians

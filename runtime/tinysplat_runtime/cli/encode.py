@@ -7,7 +7,7 @@ from argparse import Namespace
 from typing import Any
 
 from ..api import Runtime
-from ..codec.encoder import EncodeStats
+from ..codec.job import EncodeStats
 from ..codec.modes import DEFAULT_MODE
 from ..container.points import Points
 from ..errors import InputError, TinySplatError

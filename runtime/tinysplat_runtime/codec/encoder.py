@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import TypeAlias
 
@@ -13,54 +13,21 @@ from numpy.typing import NDArray
 
 from ..container.layers import CodedChannel, CodedLayer
 from ..container.layout import MAX_VIEWS
-from ..container.planes import Planes
 from ..container.reader import read_container
 from ..container.records import Limits
 from ..container.writer import write_container
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
-from ..graphs.inference import GraphStore
 from ..system import scratch
-from ..system.stopwatch import Stopwatch
 from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, encode_plane
-from .planning import ProjectedScene, planner_of
+from .job import EncodeStats, Job, PlaneCoder, check_qp
+from .planning import planner_of
 from .profiles import EncoderSettings, Profile
 from .quantise import CodeMap, choose_code_map, extent, mean_and_spread, without_outliers
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
-
-PlaneCoder: TypeAlias = Callable[[NDArray, int, EncoderSettings, NDArray | None], CodedPlane]
-"""Codes one plane; arguments and result of `hevc.encode_plane`."""
-
-MAX_GLOBAL_QP = 60
-"""Largest magnitude of Q_g: steps of a thousandth, and of a thousand times, the profile's own."""
-
-
-@dataclass
-class EncodeStats:
-    """What coding did.
-
-    Attributes:
-        clipped: samples outside the representable range, by class label.
-        watch: seconds per stage.
-        mode: what the file carries; see `modes`.
-        reason: why mode `auto` came to it; empty where the caller chose.
-        left_out: Gaussians of no pixels that pictures hardly need.
-        left_out_psnr: dB of pictures without them; None where none are.
-    """
-
-    clipped: dict[str, int] = field(default_factory=dict)
-    watch: Stopwatch = field(default_factory=Stopwatch)
-    mode: str = Planes.mode
-    reason: str = ""
-    left_out: int = 0
-    left_out_psnr: float | None = None
-
-    def add_clipped(self, plane_class: PlaneClass, count: int) -> None:
-        """So many samples of a class were clipped."""
-        self.clipped[plane_class.label] = self.clipped.get(plane_class.label, 0) + count
 
 
 @dataclass(frozen=True)
@@ -78,56 +45,29 @@ class MappedChannel:
         return self.code_map.quantise(values)[0], int(np.count_nonzero((values < low) | (values > high)))
 
 
-def check_qp(qp: float) -> None:
-    """InputError for a Q_g beyond ±60."""
-    if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
-        raise InputError(f"{qp:g}, accepted are -{MAX_GLOBAL_QP} to {MAX_GLOBAL_QP}", where="qp")
-
-
 class SceneEncoder:
     """Codes one scene as often as a search wants: what does not depend on Q_g happens once, and so does the coding of
     planes that are the same from one time to the next.
     """
 
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        profile: Profile,
-        store: GraphStore,
-        *,
-        threads: int,
-        drop_invalid: bool = False,
-        stats: EncodeStats | None = None,
-        plane_coder: PlaneCoder | None = None,
-    ) -> None:
-        """Check and project the scene.
-
-        Args:
-            gaussians: per pixel, with cameras.
-            profile: what to do.
-            store: opens the analysis graphs.
-            threads: planes coded at a time; never changes the bytes.
-            drop_invalid: make Gaussians that VPT cannot represent transparent in place of refusing them.
-            stats: filled with what was measured.
-            plane_coder: what codes a plane; None for `hevc.encode_plane`.
+    def __init__(self, job: Job) -> None:
+        """Check and project the job's Gaussians; its Q_g plays no part.
 
         Raises:
             InputError: a list, more views than 4,096.
             NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
         """
-        gaussians.check_pixels()
-        if len(gaussians.cameras) > MAX_VIEWS:
-            raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
-        self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
-        self._coder = _OnceEach(plane_coder or encode_plane, profile.encoder)
-        watch = self.stats.watch
-        with watch.stage("vpt"):
-            projected = tuple(
-                project_layer(store, layer, drop_invalid=drop_invalid, where=f"layer {index}")
-                for index, layer in enumerate(gaussians.layers)
-            )
-        scene = ProjectedScene(gaussians.layers, projected, store, threads, watch)
-        self._planner = planner_of(profile, scene)
+        job.gaussians.check_pixels()
+        views = len(job.gaussians.cameras)
+        if views > MAX_VIEWS:
+            raise InputError(f"{views} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
+        self.job, self._coder = job, _OnceEach(job.plane_coder or encode_plane, job.profile.encoder)
+        with job.stats.watch.stage("vpt"):
+            projected = [
+                project_layer(job.store, layer, drop_invalid=job.drop_invalid, where=f"layer {index}")
+                for index, layer in enumerate(job.gaussians.layers)
+            ]
+        self._planner = planner_of(job, projected)
 
     def plan(self, qp: float) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
@@ -144,14 +84,15 @@ class SceneEncoder:
         return self._file(lambda begin: self._planner.plan(qp, begin), qp)
 
     def _file(self, planned: Callable[[Callable[[Channel], object]], Sequence[LayerPlan]], qp: float) -> bytes:
-        self.stats.clipped.clear()
-        with _Coding(self._coder, self.threads, self.stats) as coding:
-            pairs = list(zip(self.gaussians.layers, planned(coding.begin), strict=True))
+        job = self.job
+        job.stats.clipped.clear()
+        with _Coding(self._coder, job.threads, job.stats) as coding:
+            pairs = list(zip(job.gaussians.layers, planned(coding.begin), strict=True))
             for _, plan in pairs:
                 for channel in plan.channels:
                     coding.begin(channel)
             coded = [coding.finish(layer, plan) for layer, plan in pairs]
-        return write_planes(coded, self.gaussians, self.profile, qp, self.stats)
+        return write_planes(coded, job.gaussians, job.profile, qp, job.stats)
 
 
 def write_planes(

@@ -27,8 +27,9 @@ from ..system.threads import Crew
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
 from .decoder import decode_file, read_file
-from .encoder import EncodeStats, write_planes
+from .encoder import write_planes
 from .hevc import CodedPlane, encode_plane
+from .job import EncodeStats
 from .one_colour import as_seen
 from .profiles import EncoderSettings, PaperSettings, Profile, find_profile
 from .quantise import CodeMap
@@ -75,7 +76,7 @@ def encode_like(
         store: opens the graphs.
         threads: planes coded at a time; never changes the bytes.
         limits: what to accept of the file.
-        drop_invalid: as `SceneEncoder`.
+        drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
         stats: filled with what was measured.
 
     Returns:

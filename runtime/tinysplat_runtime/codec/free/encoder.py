@@ -29,8 +29,8 @@ from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
 from ...system.threads import Crew
 from ..basis import leading_signs
-from ..encoder import EncodeStats, check_qp
 from ..hevc import CodedPlane, encode_plane
+from ..job import EncodeStats, check_qp
 from ..profiles import EncoderSettings, Profile
 from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from ...container.points import Points
 from ...gaussian.gaussians import Gaussians
 from ..free.decoder import decode_free
+from ..job import Job
 from ..layers import OpenFile
-from .mode import Job, Mode
+from .mode import Mode
 
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ..free.encoder import FreeEncoder

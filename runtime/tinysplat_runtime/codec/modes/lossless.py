@@ -15,9 +15,10 @@ from ...errors import FormatError
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...system.threads import Crew
 from ..exact import decode_exact, exact_planes, pack
+from ..job import Job
 from ..layers import OpenFile
 from ..synthesis import LayerSynthesis
-from .mode import Job, Mode
+from .mode import Mode
 
 
 def encode(job: Job) -> bytes:
