@@ -13,7 +13,7 @@ from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from .layers import OpenFile
-from .missing import PlaneRef, cut_off_planes, damaged_planes
+from .missing import PlaneRef, missing_planes
 from .modes.registry import MODES
 
 
@@ -65,7 +65,7 @@ def read_file(
     is_prefix = max_bytes is not None or is_damaged
     first = memoryview(data)[:max_bytes]
     container = read_container(first, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views, units=units)
-    return ReadFile(container, (damaged_planes if is_damaged else cut_off_planes)(container), views)
+    return ReadFile(container, missing_planes(container, is_damaged=is_damaged), views)
 
 
 def decode_file(

@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from functools import partial
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from ..container.records import Limits
 from ..container.sections import section_ranges, table_end
 from ..errors import FormatError, InputError
 from ..gaussian.editing import select_views
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import FIELDS, Gaussians, joined
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
@@ -198,7 +197,6 @@ def _joined(views: Sequence[Gaussians]) -> Gaussians:
         return views[0]
     layers = []
     for parts in zip(*(view.layers for view in views), strict=True):
-        fields: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
         cameras = tuple(camera for part in parts for camera in part.cameras)
-        layers.append(Gaussians.unchecked(**fields, cameras=cameras, origin=views[0].origin))
+        layers.append(Gaussians.unchecked(**joined(parts), cameras=cameras, origin=views[0].origin))
     return Gaussians.stacked(layers).with_notes(views[0].notes)

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..scene.cameras import Camera
-from .gaussians import FIELDS, Gaussians
+from .gaussians import Gaussians, joined
 from .notes import Notes
 from .quaternions import matrices_to_quats, multiply_quats
-from .sh import resized_sh, sh_basis
+from .sh import sh_basis
 
 _DIRECTIONS = 64  # more than the 25 functions of degree 4, so that the fit below is exact
 
@@ -91,13 +91,10 @@ def merge(parts: Sequence[Gaussians]) -> Gaussians:
     """All layers of several sets as one list (N,), relative to the first one's origin; notes and viewpoints joined."""
     flats = [part.flat() for part in parts]
     origin = flats[0].origin
-    functions = max(flat.sh.shape[1] for flat in flats)
-    rows = {name: [getattr(flat, name) for flat in flats] for name in FIELDS}
-    rows["means"] = [flat.means + (flat.origin - origin) for flat in flats]
-    rows["sh"] = [resized_sh(sh, functions) for sh in rows["sh"]]
+    moved = [flat.changed(means=flat.means + (flat.origin - origin)) for flat in flats]
     notes = Notes.joined([part.notes for part in parts])
     viewpoints = tuple(camera for flat in flats for camera in flat.viewpoints)
-    arrays: dict[str, Any] = {name: np.concatenate(parts) for name, parts in rows.items()}
+    arrays: dict[str, Any] = joined(moved)
     return Gaussians(**arrays, origin=origin, notes=notes, viewpoints=viewpoints)
 
 

@@ -149,12 +149,9 @@ class Gaussians:
         """All layers as one (N,) set, whose viewpoints the cameras are; lower SH degrees are padded with zeros to the
         highest.
         """
-        functions = max(layer.sh.shape[-2] for layer in self.layers)
-        rows = {name: [layer.listed(name) for layer in self.layers] for name in FIELDS}
-        rows["sh"] = [resized_sh(sh, functions) for sh in rows["sh"]]
-        arrays = {name: np.concatenate(parts) for name, parts in rows.items()}
+        parts = [layer.changed(**{name: layer.listed(name) for name in FIELDS}) for layer in self.layers]
         viewpoints = self.cameras or self.viewpoints
-        return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes, viewpoints=viewpoints)
+        return Gaussians.unchecked(**joined(parts), origin=self.origin, notes=self.notes, viewpoints=viewpoints)
 
     def listed(self, name: str) -> NDArray:
         """One of `FIELDS` of this layer alone, (N, …)."""
@@ -189,6 +186,14 @@ class Gaussians:
     def with_notes(self, notes: Notes) -> Gaussians:
         """The same Gaussians with other words of their maker's."""
         return self.changed(notes=notes)
+
+
+def joined(parts: Sequence[Gaussians]) -> dict[str, NDArray]:
+    """Arrays of several along their first axis, of the highest SH degree among them."""
+    functions = max(part.sh.shape[-2] for part in parts)
+    arrays = {name: [getattr(part, name) for part in parts] for name in FIELDS}
+    arrays["sh"] = [resized_sh(sh, functions) for sh in arrays["sh"]]
+    return {name: np.concatenate(of_all) for name, of_all in arrays.items()}
 
 
 def _float32(name: str, value: ArrayLike) -> NDArray:

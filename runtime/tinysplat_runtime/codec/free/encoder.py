@@ -357,13 +357,14 @@ def _code_shapes(
     thresholds = (ROOT_THRESHOLDS, by_size, LENGTH_THRESHOLDS)
     weights: list[WeightClasses] = []
     logs = np.zeros(len(sizes))
+    counts = [np.zeros(len(tier.cells), np.uint16) for tier in tiers]
     for tier in tiers:
         tier.orders.append(along_the_curve(len(tier.cells)))
     for number, (plane_class, target) in enumerate(DETERMINING):
-        for tier in tiers:
+        for tier, count in zip(tiers, counts, strict=True):
             source = (tier.columns.roots, companded(tier.columns.sizes, middle), tier.columns.lengths)[number]
             tier.coded.append(code.one(plane_class, target, source, tier))
-        counts = [reached([c.values for c in tier.coded], thresholds[: number + 1]) for tier in tiers]
+            count += reached(tier.coded[-1].values, thresholds[number])
         if code.is_even or (plane_class, target) != (PlaneClass.SCALE, 0):
             logs += np.concatenate([_log_weight(tier.columns, number) for tier in tiers])
         weights.append(choose_classes(np.concatenate(counts), logs))

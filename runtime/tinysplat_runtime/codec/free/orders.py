@@ -8,7 +8,6 @@ cost nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,12 +48,9 @@ def along_the_curve(count: int) -> Order:
     return Order(np.arange(count), np.ones(count))
 
 
-def reached(determinants: Sequence[NDArray], thresholds: Sequence[NDArray]) -> NDArray:
-    """(N,) uint16, how many thresholds, each of its determinant, the Gaussians reach."""
-    counts = np.zeros(len(determinants[0]), np.uint16)
-    for values, rising in zip(determinants, thresholds, strict=True):
-        counts += np.searchsorted(rising.astype(np.float64), values, side="right").astype(np.uint16)
-    return counts
+def reached(determinant: NDArray, thresholds: NDArray) -> NDArray:
+    """(N,) uint16, how many rising thresholds the Gaussians reach by a channel (N,) float64."""
+    return np.searchsorted(thresholds.astype(np.float64), determinant, side="right").astype(np.uint16)
 
 
 def classes_of(counts: NDArray, first: int, number: int) -> NDArray:

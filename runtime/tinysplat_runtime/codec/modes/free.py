@@ -31,7 +31,7 @@ def encoder(job: Job) -> FreeEncoder:
 def decode(file: OpenFile, body: Points) -> Gaussians:
     """The file's Gaussians, as one list; FormatError where what sorts them is not at hand."""
     with file.watch.stage("libavcodec"):
-        found = decode_free(file.container, body.scene, file.missing, file.threads)
+        found = decode_free(file, body.scene)
     return replace(found, viewpoints=body.viewpoints)
 
 
