@@ -142,26 +142,22 @@ def _targets(
         colors = [_colours(store, one, header, reduction) for one in (layer, earlier)]
     wanted, decoded = ({**_geometry(p, header), **c} for p, c in zip(projected, colors, strict=True))
     if header.reference_quats is None:  # q and −q are one rotation: the sign is the file's
-        _align_signs(wanted, decoded)
-    finest: dict[tuple[PlaneClass, int], float] = {}
-    for channel in header.channels:
-        key = channel.key
-        finest[key] = min(finest.get(key, np.inf), channel.scale if channel.streams else np.inf)
+        rotation = [(PlaneClass.ROTATION, n) for n in range(4)]
+        sign = np.where(sum(wanted[key] * decoded[key] for key in rotation) < 0, np.float32(-1), np.float32(1))
+        wanted |= {key: sign * wanted[key] for key in rotation}
     targets = {}
-    for key, scale in finest.items():
-        tolerance = SAME * scale if np.isfinite(scale) else 1e-5 * (1 + np.abs(decoded[key]))
+    for key in {channel.key: None for channel in header.channels}:
+        scales = [channel.scale for channel in header.channels if channel.key == key and channel.streams]
+        tolerance = SAME * min(scales) if scales else 1e-5 * (1 + np.abs(decoded[key]))
         same = np.abs(wanted[key].astype(np.float64) - decoded[key]) <= tolerance
         targets[key] = _Target(wanted[key], wanted[key], same)
-    limits = _depth_limits(projected[0], targets.get((PlaneClass.DEPTH, 0)), header)
-    maps = header.reference_quats, header.scale_mix, reduction
-    return targets, LayerPlan((), header.degree, limits, header.inverse_depth, None, *maps)
-
-
-def _depth_limits(projected: ProjectedLayer, target: _Target | None, header: LayerHeader) -> tuple[float, float]:
-    """The file's, and as far beyond as Gaussians that are new reach."""
     low, high = header.depth_limits
-    new = projected.geometry[:, 0][~target.same] if target is not None else np.empty(0)
-    return (min(low, float(new.min())), max(high, float(new.max()))) if new.size else (low, high)
+    depth = targets.get((PlaneClass.DEPTH, 0))
+    if depth is not None and not depth.same.all():  # the limits reach as far beyond as Gaussians that are new
+        new = projected[0].geometry[:, 0][~depth.same]
+        low, high = min(low, float(new.min())), max(high, float(new.max()))
+    maps = header.reference_quats, header.scale_mix, reduction
+    return targets, LayerPlan((), header.degree, (low, high), header.inverse_depth, None, *maps)
 
 
 def _reduction(header: LayerHeader, profile: Profile) -> Reduction | None:
@@ -206,13 +202,6 @@ def _geometry(projected: ProjectedLayer, header: LayerHeader) -> dict[tuple[Plan
         PlaneClass.OFFSET: projected.planes(PlaneClass.OFFSET),
     }
     return {(c, target): values[:, target] for c, values in planes.items() for target in range(values.shape[1])}
-
-
-def _align_signs(wanted: dict[tuple[PlaneClass, int], NDArray], decoded: dict[tuple[PlaneClass, int], NDArray]) -> None:
-    keys = [(PlaneClass.ROTATION, n) for n in range(4)]
-    negative = sum(wanted[key] * decoded[key] for key in keys) < 0
-    for key in keys:
-        wanted[key] = np.where(negative, -wanted[key], wanted[key])
 
 
 class _LayerCoder:
