@@ -29,6 +29,7 @@ from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
 from ...system.threads import Crew
 from ..basis import leading_signs
+from ..depth_step.blocks import whole_steps
 from ..hevc import CodedPlane, encode_plane
 from ..job import EncodeStats, check_qp
 from ..profiles import EncoderSettings, Profile
@@ -98,9 +99,6 @@ ROOT_THRESHOLDS = np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
 
 LENGTH_THRESHOLDS = (np.arange(1, 5) * math.log(2)).astype(np.float32)
 """Half octaves of the square root of length over width; none beyond √20, where errors stop growing."""
-
-DEAD_ZONE = 1 / 3
-"""What is added before a number of steps is cut to a whole one where x265's choice is only estimated."""
 
 MOST_VIEWPOINTS = 64
 """Cameras of photos that a file keeps; of more, those that lie far from one another."""
@@ -324,8 +322,7 @@ class _ChannelCoder:
         code_map, picture, codes = CodeMap(0.0, float(np.float32(mean)), 0), None, None
         if high > low and not is_flat:  # a range far from zero can vanish in rounding
             if self.settings is None:
-                away = (numbers - mean) / step
-                rounded = mean + step * np.sign(away) * np.floor(np.abs(away) + DEAD_ZONE)
+                rounded = mean + step * whole_steps((numbers - mean) / step)
                 channel = FreeChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
                 return _Coded(channel, None, rounded * order.gains + centre)
             code_map = choose_code_map(low, high, mean, step)
