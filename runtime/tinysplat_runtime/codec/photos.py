@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
+from ..scene.images import doubled
 from ..system.blas import product
 from ..system.threads import Crew
 from .hevc import CodedPlane, PictureDecoder, encode_picture
@@ -103,15 +104,7 @@ def picture_planes(image: NDArray) -> list[NDArray]:
 def planes_picture(planes: Sequence[NDArray], height: int, width: int) -> NDArray:
     """(H, W, 3) float32 of decoded planes."""
     luma, blue, red = planes
-    ycc = np.stack([luma.astype(np.float32), *(_doubled(_doubled(p - np.float32(_GREY), 0), 1) for p in (blue, red))])
+    chroma = [doubled(doubled(plane - np.float32(_GREY), 0), 1) / 16 for plane in (blue, red)]
+    ycc = np.stack([luma.astype(np.float32), *chroma])
     rgb = np.einsum("ij,jhw->ihw", _YCC_TO_RGB.astype(np.float32) / np.float32(_WHITE), ycc[:, :height, :width])
     return np.ascontiguousarray(np.moveaxis(rgb.clip(0, 1), 0, -1))
-
-
-def _doubled(plane: NDArray, axis: int) -> NDArray:
-    """Twice as many samples along an axis, each 3/4 of the nearest and 1/4 of the next; borders are repeated."""
-    padded = np.pad(plane, [(int(a == axis),) * 2 for a in (0, 1)], mode="edge")
-    before, after = (padded[:-2], padded[2:]) if axis == 0 else (padded[:, :-2], padded[:, 2:])
-    pair = np.stack([0.75 * plane + 0.25 * before, 0.75 * plane + 0.25 * after], axis=axis + 1)
-    shape = [n * (1 + (a == axis)) for a, n in enumerate(plane.shape)]
-    return pair.reshape(shape)

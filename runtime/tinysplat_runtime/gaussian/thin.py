@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
-from ..scene.neighbours import view_places
+from ..scene.neighbours import nearest_places, view_places
 from .gaussians import Gaussians
 
 LOOKED_AT = 8
@@ -124,9 +124,5 @@ def _near(cameras: Sequence[Camera], depths: Sequence[NDArray]) -> list[list[int
     seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
     middle = float(np.median(seen)) if seen.size else 1.0
     places = view_places(cameras, middle, middle)
-    nearest = []
-    for view in range(len(cameras)):
-        distances = np.square(places - places[view]).sum(axis=1)
-        distances[view] = np.inf
-        nearest.append(np.argsort(distances, kind="stable")[: min(LOOKED_AT, len(cameras) - 1)].tolist())
+    nearest: list[list[int]] = nearest_places(places, min(LOOKED_AT, len(cameras) - 1)).tolist()
     return nearest
