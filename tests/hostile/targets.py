@@ -18,7 +18,7 @@ import numpy as np
 from scenes import make_cameras
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.decoder import decode_gaussians
+from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians, read_file
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.codec.recode import encode_like
@@ -92,8 +92,8 @@ def _store() -> GraphStore:
 def _decode(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.tsplat_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
-    lost: list[str] | None = [] if rng.random() < 0.2 else None
-    gaussians = decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix, lost=lost)
+    read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=rng.random() < 0.2)
+    gaussians = decode_file(read, _store(), threads=1)
     check_decoded(gaussians)
     if rng.random() < 0.1:
         try:
@@ -107,9 +107,10 @@ def _decode(rng: Random) -> None:
 def _free(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.free_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
-    lost: list[str] | None = [] if rng.random() < 0.2 else None
-    check_decoded(decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix, lost=lost))
-    json.dumps(inspect_bytes(data, LIMITS, is_prefix=prefix is not None or lost is not None), allow_nan=False)
+    is_damaged = rng.random() < 0.2
+    read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=is_damaged)
+    check_decoded(decode_file(read, _store(), threads=1))
+    json.dumps(inspect_bytes(data, LIMITS, is_prefix=prefix is not None or is_damaged), allow_nan=False)
 
 
 def check_decoded(gaussians: ts.Gaussians) -> None:

@@ -15,11 +15,12 @@ from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.free import octree
-from tinysplat_runtime.codec.free.octree import decode_points, encode_points, morton_keys
+from tinysplat_runtime.codec.free.octree import decode_points, encode_points
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.free import FREE, decoding_bytes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
+from tinysplat_runtime.gaussian.curve import morton_keys
 
 
 @pytest.fixture(scope="module")

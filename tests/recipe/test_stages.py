@@ -36,7 +36,7 @@ def test_captures_go_photo_by_photo_and_large_photos_in_small(count, side, model
 
 
 def test_a_report_says_what_was_measured() -> None:
-    from tinysplat_runtime.codec.encoder import EncodeStats
+    from tinysplat_runtime.codec.job import EncodeStats
     from tinysplat_runtime.recipe.encode import Encoded
     from tinysplat_runtime.recipe.report import encode_report
     from tinysplat_runtime.refine.stats import RefineStats

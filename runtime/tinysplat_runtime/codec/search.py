@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from ..errors import InputError
-from .encoder import MAX_GLOBAL_QP
+from .job import MAX_GLOBAL_QP
 from .profiles import Profile
 
 SIZE_TOLERANCE = 0.03

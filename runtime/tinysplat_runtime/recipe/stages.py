@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..codec.decoder import decode_gaussians
-from ..codec.encoder import EncodeStats
+from ..codec.job import EncodeStats, Job, PhotoScene
 from ..codec.modes import AUTO, DEFAULT_MODE
 from ..codec.modes.choice import choose
-from ..codec.modes.mode import Job, PhotoScene
 from ..codec.modes.registry import MODES
 from ..codec.recode import encode_like
 from ..codec.search import Coder, code_to_psnr, code_to_size
