@@ -40,12 +40,12 @@ def row_of_cameras(views: int, height: int, width: int, spacing: float = 0.2) ->
     return tuple(make_cameras(views, height, width, spacing, turn=0.03, focal=1, shift=(0.7, -0.4)))
 
 
-def trace(views: int, height: int, width: int, spacing: float = 0.2) -> TracedScene:
-    """Render the scene with `SUBPIXELS`² rays per pixel."""
+def trace(views: int, height: int, width: int, spacing: float = 0.2, subpixels: int = SUBPIXELS) -> TracedScene:
+    """Render the scene with `subpixels`² rays per pixel."""
     cameras = row_of_cameras(views, height, width, spacing)
     images, depths = [], []
-    centres = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
     for camera in cameras:
+        centres = (np.arange(subpixels) + 0.5) / subpixels
         shots = [_shoot(camera, dx, dy)[0] for dy in centres for dx in centres]
         images.append(np.mean(shots, axis=0))
         depths.append(_shoot(camera, 0.5, 0.5)[1])
@@ -94,12 +94,11 @@ def _texture(points: NDArray, frequency: float, phase: float) -> NDArray:
     return 0.5 + 0.4 / 3 * np.stack(waves, axis=-1)
 
 
-def write_traced(folder: Path, traced: TracedScene) -> Path:
-    """Write a scene folder of the traced photos, whose cameras state no depths; returns the folder."""
+def write_traced(folder: Path, traced: TracedScene, depths: tuple[float, ...] = ()) -> Path:
+    """Write a scene folder of the traced photos, whose cameras state these depths or none; returns the folder."""
     (folder / "images").mkdir()
     for i, image in enumerate(traced.images):
         write_png(folder / "images" / f"{i:04}.png", image)
-    document = scene_document(traced.cameras)
-    del document["near"], document["far"]
+    document = {"frames": scene_document(traced.cameras)["frames"], **dict(zip(("near", "far"), depths, strict=False))}
     (folder / "cameras.json").write_text(json.dumps(document))
     return folder
