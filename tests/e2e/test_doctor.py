@@ -30,9 +30,7 @@ def test_a_sound_installation_has_nothing_wrong() -> None:
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["wrong"] == [] and "CPUExecutionProvider" in report["providers"]
-    assert report["codecs"]["libx265"] == "encoder" and report["codecs"]["hevc"] == "decoder"
-    assert report["packages"]["numpy"] and report["extras"]["io"] == "installed"
-    assert "sweep" in report["models"]
+    assert {"libx265", "hevc"} <= set(report["codecs"]) and "io" in report["extras"] and "sweep" in report["models"]
     text = tinysplat("doctor").stdout
     assert all(name in text for name in (report["python"], report["packages"]["numpy"], "libx265", "sweep"))
 
@@ -70,8 +68,8 @@ def test_another_build_of_a_package_counts_as_it(tmp_path: Path) -> None:
     found = subprocess.run([sys.executable, "-c", GONE], capture_output=True, text=True, check=True, env=environment)
     report = json.loads(found.stdout)
     assert "1.2" in report["packages"]["onnxruntime"] and "onnxruntime-gpu" in report["packages"]["onnxruntime"]
-    assert any(line.startswith("av ") and "pip install" in line for line in report["wrong"])
-    assert not any(line.startswith("onnxruntime ") for line in report["wrong"])
+    (line,) = report["wrong"]
+    assert "av" in line.split() and "pip install" in line
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])

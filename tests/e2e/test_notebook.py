@@ -22,4 +22,4 @@ def test_the_example_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     for cell in cells:
         exec("".join(cell["source"]), names)
     shown = "".join("".join(cell["outputs"][0]["data"].get("text/html", "")) for cell in cells)
-    assert "data:image/png;base64," in shown
+    assert "data:image/" in shown

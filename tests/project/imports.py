@@ -65,8 +65,3 @@ def _reached(module: str, graph: Graph) -> set[str]:
         found |= new
         left += new
     return found
-
-
-def room(module: str) -> str:
-    """The folder of a package that a module lies in; the package itself for what lies flat."""
-    return ".".join(module.split(".")[:2]) if module.count(".") > 1 else module.split(".")[0]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -18,25 +20,8 @@ RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 
 ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "tinysplat_runtime"}
 
-EXTRAS_INSIDE_FUNCTIONS = {
-    "formats/arrays.py": {"safetensors"},  # tinysplat[io]
-    "formats/compressed_ply.py": {"plyfile"},
-    "formats/sog.py": {"PIL"},
-    "formats/usd.py": {"pxr"},  # tinysplat[usd]
-    "formats/usd_worker.py": {"pxr"},
-    "formats/file_notes.py": {"safetensors"},
-    "formats/spz_streams.py": {"zstandard"},
-    "scene/intake/colmap_worker.py": {"pycolmap"},  # tinysplat[poses]
-    "scene/lenses.py": {"pycolmap"},  # tinysplat[poses]
-    "scene/intake/nerfstudio.py": {"plyfile"},  # tinysplat[io]
-    "formats/ply.py": {"plyfile"},  # tinysplat[io]
-    "codec/ranges.py": {"fsspec"},  # tinysplat[cluster]
-    "system/progress.py": {"tqdm"},  # a nicer bar, where it happens to be installed
-}
-"""Packages that an extra brings, by the one module whose functions may import them."""
-
-EXTRA_MODULES = {"render/kernels_project.py": {"numba"}}  # tinysplat[fast]
-"""Modules that are only imported where an extra is installed, and may import it as they please."""
+EXTRAS = {"safetensors", "plyfile", "zstandard", "PIL", "pxr", "pycolmap", "fsspec", "tqdm"}
+"""Packages that an extra brings, or which happen to be installed: functions alone may import them."""
 
 
 def sources(folder: Path) -> list[Path]:
@@ -68,10 +53,9 @@ def test_runtime_imports_only_what_ships_to_the_edge() -> None:
     assert files
     breaks = []
     for path in files:
-        name = path.relative_to(RUNTIME).as_posix()
-        extras, own = EXTRAS_INSIDE_FUNCTIONS.get(name, set()), EXTRA_MODULES.get(name, set())
+        own = {"numba"} if path.name.startswith("kernels_") else set[str]()  # modules that are loaded where it is
         for package, line, is_inside in imports(path):
-            if package not in ALLOWED_IN_RUNTIME | own and not (is_inside and package in extras):
+            if package not in ALLOWED_IN_RUNTIME | own and not (is_inside and package in EXTRAS):
                 breaks.append(f"{path.relative_to(ROOT)}:{line} imports {package}")
     assert breaks == []
 
@@ -135,6 +119,9 @@ def test_every_runtime_module_loads_without_torch_onnx_and_extras() -> None:
     assert int(done.stdout)
 
 
+NOTEBOOK = "tinysplat_runtime.render.notebook"
+
+
 @cache
 def project_graph() -> imports_of_project.Graph:
     return imports_of_project.import_graph(imports_of_project.modules())
@@ -142,41 +129,26 @@ def project_graph() -> imports_of_project.Graph:
 
 def test_the_only_import_circle_that_may_be_is_gaussians_that_show_themselves() -> None:
     """Imports inside functions and for types alone count; ARCHITECTURE.md says why this one may stay."""
-    graph = project_graph()
-    runtime = {name: found for name, found in graph.items() if name.startswith("tinysplat_runtime")}
-    shown, notebook = "tinysplat_runtime.gaussian.gaussians", "tinysplat_runtime.render.notebook"
-    assert imports_of_project.circles({**runtime, shown: runtime[shown] - {notebook}}) == []
+    graph, shown = project_graph(), "tinysplat_runtime.gaussian.gaussians"
+    assert imports_of_project.circles({**graph, shown: graph[shown] - {NOTEBOOK}}) == []
 
 
-@pytest.mark.parametrize(
-    ("room", "leans_on"),
-    [
-        ("system", set()),
-        ("scene", {"system"}),
-        ("container", {"gaussian", "scene", "system"}),
-        ("formats", {"gaussian", "render", "scene", "system"}),
-        ("graphs", {"gaussian", "scene", "system"}),
-        ("render", {"gaussian", "scene", "system"}),
-        ("codec", {"container", "gaussian", "graphs", "render", "scene", "system"}),
-        ("prune", {"codec", "gaussian", "refine", "render", "scene", "system"}),
-        ("refine", {"codec", "container", "gaussian", "graphs", "render", "scene", "system"}),
-        (
-            "recipe",
-            {"codec", "container", "formats", "gaussian", "graphs", "prune", "refine", "render", "scene", "system"},
-        ),
-        ("page", {"scene", "system", "web"}),
-    ],
-)
-def test_rooms_of_the_runtime_lean_on_those_below_them(room: str, leans_on: set[str]) -> None:
-    """The container is the trust boundary: neither codec nor av stands behind it."""
-    graph = project_graph()
-    inside = f"tinysplat_runtime.{room}"
-    targets = {t for name, found in graph.items() if (name + ".").startswith(inside + ".") for t in found}
-    rooms = {imports_of_project.room(t) for t in targets} - {inside, "tinysplat_runtime"}
-    assert {name.removeprefix("tinysplat_runtime.") for name in rooms} <= leans_on
-    if room == "container":
-        paths = sources(RUNTIME / room)
-        assert paths and "av" not in {package for path in paths for package, _, _ in imports(path)}
+def test_rooms_of_the_runtime_import_only_those_that_architecture_md_has_further_along() -> None:
+    """The container is the trust boundary: av does not stand behind it either."""
+    line = re.search(r"^cli ─► .+$", (ROOT / "ARCHITECTURE.md").read_text("utf-8"), re.M)
+    assert line
+    steps = [set(step.split(", ")) for step in line[0].split(" ─► ")]
+    along = {room: set[str]().union(*steps[n + 1 :]) for n, step in enumerate(steps) for room in step}
+    assert {path.parent.name for path in RUNTIME.glob("*/__init__.py")} <= set(along)
+    breaks = []
+    for name, found in project_graph().items():
+        package, _, room = ".".join(name.split(".")[:2]).partition(".")
+        for target in found - {NOTEBOOK} if package == "tinysplat_runtime" and room in along else ():
+            theirs = target.removeprefix("tinysplat_runtime.").split(".")[0]
+            if theirs in set(along) - along[room] - {room}:
+                breaks.append(f"{name} imports {target}")
+    assert breaks == []
+    assert "av" not in {package for path in sources(RUNTIME / "container") for package, _, _ in imports(path)}
 
 
 COMMANDS = ("runtime/tinysplat_runtime/cli/", "tinysplat/commands/")
@@ -208,27 +180,9 @@ def test_only_commands_know_of_the_command_line() -> None:
     assert [one for one in breaks if "__main__" not in one] == []
 
 
-# ---- the house of measuring --------------------------------------------------------------------------------------
-
-GROUND = ("rows", "metrics", "lpips", "clock", "subjects", "curves")
-ON_GROUND = ("pictures", "show")
-ABOVE = ("runner", "quality", "study")
-STUDIES, PAGES = "studies", "tinysplat.measure.show.pages"
-"""The top layer; and the module that asks the list of studies for their tables, for reports."""
+# ---- measuring ---------------------------------------------------------------------------------------------------
 
 MEASURED = ("tinysplat_runtime", "export", "tinysplat.networks", "tinysplat.rasteriser", "tinysplat.reference")
-
-
-def rooms_of_measuring() -> dict[str, set[str]]:
-    """By module of measuring, the modules and rooms of it that it imports; of studies with their own module's name."""
-
-    def room(module: str) -> str:
-        parts = module.split(".")[2:]
-        return ".".join(parts[:2] if parts[0] == STUDIES else parts[:1])
-
-    inside = "tinysplat.measure."
-    modules = {name: found for name, found in project_graph().items() if name.startswith(inside)}
-    return {name: {room(t) for t in found if t.startswith(inside)} - {room(name)} for name, found in modules.items()}
 
 
 def test_what_is_measured_never_imports_what_measures() -> None:
@@ -237,30 +191,31 @@ def test_what_is_measured_never_imports_what_measures() -> None:
     assert [name for name, found in measured.items() if any(t.startswith("tinysplat.measure") for t in found)] == []
 
 
-def test_the_house_of_measuring_stands_in_layers_and_no_study_imports_another() -> None:
-    breaks = []
-    for name, found in rooms_of_measuring().items():
-        own = name.split(".")[2]
-        above = {GROUND: {*ON_GROUND, *ABOVE}, ON_GROUND: {*ABOVE}, ABOVE: set[str](), (STUDIES,): set[str]()}
-        banned = next(rooms for layer, rooms in above.items() if own in layer)
-        studies = {one for one in found if one.startswith(STUDIES) and name != PAGES}
-        breaks += [f"{name} imports {one}" for one in sorted(found & banned | studies)]
+def test_studies_are_imported_by_pages_of_reports_alone() -> None:
+    studies = "tinysplat.measure.studies."
+    breaks = [
+        f"{name} imports {target}"
+        for name, found in project_graph().items()
+        for target in found
+        if name.startswith("tinysplat.measure.") and name != "tinysplat.measure.show.pages"
+        if target.startswith(studies) and not (name + ".").startswith(".".join(target.split(".")[:4]) + ".")
+    ]
     assert breaks == []
 
 
-IDLE = ("codec.encoder", "codec.rate", "codec.depth_step", "graphs.enlarge", "scene.intake", "recipe.encode", "numba")
+IDLE = ("numba", "refine", "prune", "page")
 """What commands that read a file have no use for."""
 
 
 @pytest.mark.parametrize(
     ("command", "output", "idle"),
     [
-        ("render", "p.png", (*IDLE, "formats.")),
-        ("decode", "g.npz", (*IDLE, "render", "recipe.stages", "formats.ply", "formats.usd", "scene.images")),
-        ("info", "", (*IDLE, "av", "onnxruntime", "formats.", "codec.layers", "render", "recipe")),
+        ("render", "p.png", (*IDLE, "formats", "recipe")),
+        ("decode", "g.npz", (*IDLE, "render")),
+        ("info", "", (*IDLE, "av", "onnxruntime", "formats", "render", "recipe")),
     ],
 )
-def test_commands_that_read_a_file_load_neither_encoder_nor_layouts(tmp_path: Path, command, output, idle) -> None:
+def test_commands_that_read_a_file_load_only_what_they_use(tmp_path: Path, command, output, idle) -> None:
     file = ROOT / "tests" / "golden" / "data" / "tiny_paper.tsplat"
     words = [command, str(file), *(["-o", str(tmp_path / output), "-q"] if output else [])]
     code = f"import sys; from tinysplat_runtime.cli import main; main({words!r}); print(*sys.modules)"
@@ -268,4 +223,5 @@ def test_commands_that_read_a_file_load_neither_encoder_nor_layouts(tmp_path: Pa
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     loaded = {name.removeprefix("tinysplat_runtime.") for name in done.stdout.splitlines()[-1].split()}
     assert {"container.reader"} <= loaded and (not output or (tmp_path / output).is_file())
-    assert not [name for name in loaded if name.startswith(idle)]
+    assert not [name for name in loaded if name.partition(".")[0] in idle]
+    assert all((RUNTIME / name).is_dir() or find_spec(name) for name in idle)

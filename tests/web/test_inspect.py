@@ -68,46 +68,40 @@ def test_a_file_is_described_as_in_python() -> None:
         assert channels == planes
 
 
-def test_steps_are_the_ends_of_passes_and_the_first_view_s_own_light() -> None:
+def test_steps_are_python_s_prefixes_at_least_and_all_of_them_can_be_read() -> None:
     seen = 0
     for file, found in zip(ALL, inspected(ALL), strict=True):
-        wanted = [prefix["bytes"] for prefix in ts.inspect(file)["prefixes"]]
-        if found["mode"] != "gaussians" or not wanted:
-            continue
-        more = [step for step in found["steps"] if step not in wanted]
-        assert [step for step in found["steps"] if step in wanted] == wanted and found["steps"] == sorted(
-            found["steps"]
-        )
-        assert len(more) <= 1
-        seen += len(more)
-    assert seen > 2
+        wanted = {prefix["bytes"] for prefix in ts.inspect(file)["prefixes"]}
+        if found["mode"] == "gaussians" and wanted:
+            assert wanted <= set(found["steps"]) and found["steps"] == sorted(set(found["steps"]))
+            for step in found["steps"] if file in FILES else ():  # others are damaged, or in an odd order
+                assert ts.decompress(file, max_bytes=step).count
+                seen += 1
+    assert seen
 
 
-@pytest.mark.parametrize(
-    ("ours", "theirs", "words"),
-    [("max_memory_bytes", "maxMemory", r"(\d+) bytes to decode"), ("max_pixels", "maxPixels", r"(\d+) Gaussians")],
-)
-def test_what_limits_count_is_counted_as_in_python(ours: str, theirs: str, words: str) -> None:
-    def counted(file: bytes, limit: int) -> list[str]:
-        """What Python says is too much."""
+@pytest.mark.parametrize(("ours", "theirs"), [("max_memory_bytes", "maxMemory"), ("max_pixels", "maxPixels")])
+def test_what_limits_count_is_counted_as_in_python(ours: str, theirs: str) -> None:
+    def counts(file: bytes, limit: int) -> list[int] | None:
+        """Larger numbers of what Python says is too much, the count among them; None where it is not."""
         try:
             read_container(file, Limits(**{ours: limit}))
         except ts.FormatError as error:
-            return re.findall(words, str(error))
-        return []
+            return sorted(n for n in map(int, re.findall(r"\d+", str(error))) if n > limit)
+        return None
 
     files, limits, wanted = [], [], []
     for file in [*FILES, *(seed.data for seed in corpus.tsplat_seeds())]:
         limit = 1
         while limit:  # of each layer, just too little; then enough
-            found = counted(file, limit)
-            for one in {limit, *(int(number) - 1 for number in found)}:
+            found = counts(file, limit) or []
+            for one in {limit, *(number - less for number in found for less in (0, 1))}:
                 files.append(file)
                 limits.append({theirs: one})
-                wanted.append(counted(file, one))
-            limit = int(found[0]) if found else 0
-    assert len(files) > 20
-    assert [re.findall(words, answer.get("message", "")) for answer in inspected(files, limits)] == wanted
+                wanted.append(counts(file, one) is not None)
+            limit = found[0] if found else 0
+    assert len(files) > 20 and not all(wanted)
+    assert ["message" in answer for answer in inspected(files, limits)] == wanted
 
 
 def fields_at_edges(seed: Seed, part: Part, rng: Random) -> Iterator[Part]:
