@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
 from tinysplat.measure.subjects.room import FAR, NEAR, photograph, room_cameras
-from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.video import write_video

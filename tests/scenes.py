@@ -21,9 +21,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.free.encoder import FreeEncoder
 from tinysplat_runtime.codec.free.levels import Level, Tiers
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians

@@ -153,12 +153,12 @@ def read_checkpoint(path: Path) -> Checkpoint:
 
 
 def load_network(
-    path: Path, name: str | None = None, scale_rule: str | None = None, sh_degree: int | None = None
+    source: Path | Checkpoint, name: str | None = None, scale_rule: str | None = None, sh_degree: int | None = None
 ) -> LoadedNetwork:
     """Build the network that a checkpoint is for and load it strictly.
 
     Args:
-        path: see `read_checkpoint`.
+        source: what `read_checkpoint` takes, or gave.
         name: the network expected; None accepts any known one.
         scale_rule: of DepthSplat; None takes it from the file's hash, and "2025-04" if that is not a published one.
         sh_degree: see `networks.build`.
@@ -167,7 +167,7 @@ def load_network(
         InputError: not a checkpoint, of another or an unknown network, or with tensors missing, unexpected or of
             another shape; names them.
     """
-    checkpoint = read_checkpoint(path)
+    checkpoint = source if isinstance(source, Checkpoint) else read_checkpoint(source)
     identified, variant = identify(checkpoint, name)
     rule = scale_rule or (checkpoint.release.scale_rule if checkpoint.release else "2025-04")
     module = build(identified, variant, rule, sh_degree)

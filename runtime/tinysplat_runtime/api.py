@@ -27,7 +27,7 @@ from .system.threads import available_cores
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
-    from .codec.encoder import EncodeStats
+    from .codec.job import EncodeStats
     from .codec.parts import SceneFile
     from .refine.stats import RefineStats
     from .scene.cameras import Camera
@@ -247,22 +247,17 @@ class Runtime:
             InputError: `data` is no bytes, `max_bytes` is below 1, or `views` are not different views of the file.
             ModelError: the file carries photos, and the network that it names is not at hand.
         """
-        from .codec.decoder import decode_gaussians
+        from .codec.decoder import decode_file, read_file
 
         _check(data, bytes | bytearray | memoryview, *BYTES)
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
-        return decode_gaussians(
-            data,
-            self.store,
-            threads=self.threads,
-            limits=self.limits,
-            max_bytes=max_bytes,
-            views=views,
-            lost=lost,
-            model=model,
-            watch=watch,
-        )
+        watch = watch or Stopwatch()
+        with watch.stage("parse"):
+            file = read_file(data, self.limits, max_bytes=max_bytes, is_damaged=lost is not None, views=views)
+            if lost is not None:
+                lost += file.lost
+        return decode_file(file, self.store, threads=self.threads, model=model, watch=watch)
 
     def convert(self, source: StrPath | Sequence[StrPath], target: StrPath, **options: Any) -> list[str]:
         """Gaussian files to another format: the very bytes that `tinysplat convert` and `decode` write.

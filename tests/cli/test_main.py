@@ -45,10 +45,10 @@ def test_libraries_are_not_taken_down() -> None:
     ("body", "words", "status", "error"),
     [
         ("    raise ZeroDivisionError\n", ("models",), 1, "Traceback"),
-        ("    pass\n", ("info", "absent.tsplat"), 2, "tinysplat: absent.tsplat"),
-        ("    pass\n", ("models", "--unknown"), 2, "tinysplat: unrecognized"),
+        ("    pass\n", ("info", "absent.tsplat"), 2, "absent.tsplat"),
+        ("    pass\n", ("models", "--unknown"), 2, "--unknown"),
     ],
 )
 def test_the_status_is_that_of_the_command(body, words, status, error) -> None:
     done = run(body, *words)
-    assert done.returncode == status and done.stderr.startswith(error)
+    assert done.returncode == status and error in done.stderr

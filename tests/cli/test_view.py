@@ -60,7 +60,7 @@ def test_a_page_is_served_to_this_machine_alone(monkeypatch: pytest.MonkeyPatch,
                 assert answer.headers["Content-Length"] == str(len("<p>Größe".encode()))
         with pytest.raises(urllib.error.HTTPError) as error:
             urllib.request.urlopen(address + "other", timeout=20)
-        assert error.value.code == 404 and error.value.headers["Content-Type"] == "text/plain"
+        assert error.value.code == 404
         error.value.close()
         if browser:
             assert opened.get(timeout=20) == address
@@ -68,7 +68,7 @@ def test_a_page_is_served_to_this_machine_alone(monkeypatch: pytest.MonkeyPatch,
         server.shutdown()
         thread.join()
     out, err = capsys.readouterr()
-    assert out.split()[0] == address and err == "" and opened.empty()
+    assert address in out.split() and err == "" and opened.empty()
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,15 @@ from scenes import make_smooth_gaussians
 from scipy.fft import dctn
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.depth_step.allocation import FARTHEST, measured_depth_step, measured_opacity_step
+from tinysplat_runtime.codec.depth_step.allocation import (
+    DEPTH_EXPONENT,
+    FARTHEST,
+    OPACITY_EXPONENT,
+    measured_depth_step,
+    measured_opacity_step,
+)
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
-from tinysplat_runtime.codec.depth_step.contrast import block_offsets, contrast
+from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_offsets, contrast
 from tinysplat_runtime.codec.depth_step.probe import Probe
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -102,7 +108,7 @@ def test_blocks_are_coded_more_coarsely_the_less_they_show():
     shown = np.full((2, 40, 50), 1.0, np.float32)
     shown[0, :16, :16], shown[1, 32:, 48:] = 100.0, 0.0  # the last block has 8 rows and 2 columns
     offsets = block_offsets(shown)
-    assert offsets.shape == (2, 3, 4) and np.abs(offsets).max() <= 8
+    assert offsets.shape == (2, 3, 4) and np.abs(offsets).max() <= LARGEST_OFFSET
     assert offsets[0, 0, 0] == offsets.min() < 0 < offsets[1, 2, 3] == offsets.max()
     others = np.delete(offsets.ravel(), [0, 23])
     assert (others == others[0]).all() and not block_offsets(np.zeros_like(shown)).any()
@@ -128,14 +134,14 @@ class Linear:
 def test_steps_go_to_where_errors_cost_what_they_may(gain):
     planes = [np.random.default_rng(0).normal(size=(1, 64, 64)).astype(np.float32)]
     reached, at = [np.ones((1, 8, 8), bool)], BlockSpectrum.of(planes[0]).coding_error(0.1)
-    probe = Linear(gain, 1.0, reached)
-    plain = Linear(1.0, 1.0, reached).damage([at])
+    probe = Linear(gain, DEPTH_EXPONENT, reached)
+    plain = Linear(1.0, DEPTH_EXPONENT, reached).damage([at])
     found = measured_depth_step(probe, planes, [np.zeros((1, 4, 4), int)], 0.1, plain, 6)
-    assert found / 0.1 == pytest.approx(np.clip(1 / gain, 1 / FARTHEST, FARTHEST), rel=0.03)
+    assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / DEPTH_EXPONENT), 1 / FARTHEST, FARTHEST), rel=0.03)
     assert probe.looked <= 2  # an error that goes with the step is met at once
-    target = Linear(1.0, 1.7, reached).damage([at])
-    found = measured_opacity_step(Linear(gain, 1.7, reached), planes, 0.1, target)
-    assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / 1.7), 1 / FARTHEST, 1), rel=0.03)
+    target = Linear(1.0, OPACITY_EXPONENT, reached).damage([at])
+    found = measured_opacity_step(Linear(gain, OPACITY_EXPONENT, reached), planes, 0.1, target)
+    assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / OPACITY_EXPONENT), 1 / FARTHEST, 1), rel=0.03)
 
 
 def test_depth_is_coded_more_finely_where_gaussians_are_opaque():

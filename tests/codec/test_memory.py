@@ -11,20 +11,26 @@ from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
+from tinysplat_runtime.codec.job import EncodeStats, Job, PlaneCoder
 from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.inference import GraphStore
+
+STORE = GraphStore()
+
+
+def job_of(scene: Gaussians, profile: str, plane_coder: PlaneCoder | None = None) -> Job:
+    return Job(scene, PROFILES[profile], 0, STORE, 1, EncodeStats(), plane_coder=plane_coder)
 
 
 def test_planes_are_made_once_and_what_lies_between_does_not_grow() -> None:
     """44 bytes a pixel of geometry, 12 of colours, 4 of contrast; tall views, of which stripes are a small part."""
     scene = make_smooth_gaussians(2, 2048, 128, degree=0)
-    profile = PROFILES["balanced"]
     # Coded before, as libx265's own memory, and what is set aside for it, is another matter.
-    plane = encode_plane(np.full((2048, 128), 2048, np.uint16), 20, profile.encoder)
-    store = GraphStore()
+    plane = encode_plane(np.full((2048, 128), 2048, np.uint16), 20, PROFILES["balanced"].encoder)
     tracemalloc.start()
     try:
-        SceneEncoder(scene, profile, store, threads=1, plane_coder=lambda *_: plane).encode(0)
+        SceneEncoder(job_of(scene, "balanced", lambda *_: plane)).encode(0)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -33,14 +39,13 @@ def test_planes_are_made_once_and_what_lies_between_does_not_grow() -> None:
 
 def test_of_a_capture_a_few_views_are_held() -> None:
     """Of their planes 60 bytes a pixel; what remains is a byte for each 16, and lists of pictures."""
-    profile, store = PROFILES["balanced"], GraphStore()
-    plane = encode_plane(np.full((512, 256), 2048, np.uint16), 20, profile.encoder)
+    plane = encode_plane(np.full((512, 256), 2048, np.uint16), 20, PROFILES["balanced"].encoder)
     peaks = []
     for views in (9, 9, 18):  # the first loads what both need
         scene = make_smooth_gaussians(views, 512, 256, degree=0)
         tracemalloc.start()
         try:
-            SceneEncoder(scene, profile, store, threads=1, plane_coder=lambda *_: plane).encode(0)
+            SceneEncoder(job_of(scene, "balanced", lambda *_: plane)).encode(0)
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
@@ -48,8 +53,8 @@ def test_of_a_capture_a_few_views_are_held() -> None:
 
 
 def test_bytes_do_not_depend_on_where_arrays_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, store, files = make_smooth_gaussians(9, 512, 256), GraphStore(), []
+    scene, files = make_smooth_gaussians(9, 512, 256), []
     for folder in (tmp_path, tmp_path / "missing"):  # without it, all lies in memory
         monkeypatch.setenv("TMPDIR", str(folder))
-        files.append(SceneEncoder(scene, PROFILES["fast"], store, threads=2).encode(0))
+        files.append(SceneEncoder(job_of(scene, "fast")).encode(0))
     assert files[0] == files[1]

@@ -17,10 +17,10 @@ from scenes import make_smooth_gaussians, write_scene
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats, Job, PhotoScene
 from tinysplat_runtime.codec.layers import OpenFile
 from tinysplat_runtime.codec.modes import registry
-from tinysplat_runtime.codec.modes.mode import Job, Mode, PhotoScene
+from tinysplat_runtime.codec.modes.mode import Mode
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bodies import BODIES

@@ -12,11 +12,12 @@ from scenes import make_smooth_gaussians, refusing
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec import parts
+from tinysplat_runtime.codec.parts import SceneFile
 from tinysplat_runtime.codec.ranges import ranges_of
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.graphs.inference import GraphStore
 
 VIEWS = 9
 
@@ -31,10 +32,9 @@ def data(gaussians):
     return ts.compress(gaussians, profile="fast", qp=-12)
 
 
-@pytest.fixture
-def small_reads(monkeypatch):
-    """Metadata in several reads, as those of a thousand views."""
-    monkeypatch.setattr(parts, "FIRST_BYTES", 64)
+def opened(source: object, **options: int) -> SceneFile:
+    """A file whose metadata take several reads, as those of a thousand views."""
+    return SceneFile(ranges_of(source), GraphStore(), threads=2, first_bytes=64, **options)
 
 
 def assert_same(found: ts.Gaussians, whole: ts.Gaussians, views: list[int]) -> None:
@@ -70,12 +70,12 @@ def test_gaussians_of_no_pixels_have_no_views(gaussians):
         ts.open(io.BytesIO(data))
 
 
-def test_metadata_and_the_wanted_views_are_all_that_is_read(data, small_reads, tmp_path):
+def test_metadata_and_the_wanted_views_are_all_that_is_read(data, tmp_path):
     path = tmp_path / "f.tsplat"
     path.write_bytes(data)
     sizes = {index: len(section) for kind, _, index, section in sections_of(data) if kind == b"VIEW"}
     whole = ts.decompress(data)
-    with ts.open(path) as file:
+    with opened(path) as file:
         metadata = len(data) - sum(sizes.values())
         assert file.bytes_read == metadata
         for camera, of_whole in zip(file.cameras, whole.cameras, strict=True):
@@ -87,11 +87,11 @@ def test_metadata_and_the_wanted_views_are_all_that_is_read(data, small_reads, t
         assert file.bytes_read == metadata + sizes[6] + sizes[1] + sizes[3]
 
 
-def test_decoded_views_are_kept_within_the_bound_the_last_used_longest(data, small_reads):
-    with ts.open(io.BytesIO(data)) as file:
+def test_decoded_views_are_kept_within_the_bound_the_last_used_longest(data):
+    with opened(io.BytesIO(data)) as file:
         one = sum(getattr(layer, name).nbytes for layer in file.views([0]).layers for name in FIELDS)
     sizes = {index: len(section) for kind, _, index, section in sections_of(data) if kind == b"VIEW"}
-    with ts.open(io.BytesIO(data), cache_bytes=2 * one) as file:
+    with opened(io.BytesIO(data), cache_bytes=2 * one) as file:
 
         def read(view: int) -> bool:
             before = file.bytes_read
@@ -100,7 +100,7 @@ def test_decoded_views_are_kept_within_the_bound_the_last_used_longest(data, sma
             return file.bytes_read > before
 
         assert [read(view) for view in (0, 1, 0, 2, 0, 1)] == [True, True, False, True, False, True]
-    with ts.open(io.BytesIO(data), cache_bytes=0) as file:
+    with opened(io.BytesIO(data), cache_bytes=0) as file:
         assert file.views([4, 5]) is file.views([4, 5])  # the last result is the caller's too
         file.views([1])
         before = file.bytes_read
@@ -130,10 +130,10 @@ def test_near_views_are_those_whose_places_and_directions_are_nearest(data, gaus
         assert caught.value.where == "count"
 
 
-def test_addresses_are_read_by_ranges(data, small_reads, monkeypatch):
+def test_addresses_are_read_by_ranges(data, monkeypatch):
     fsspec = pytest.importorskip("fsspec", reason="needs the extra 'cluster'")
     fsspec.filesystem("memory").pipe("/walk.tsplat", data)
-    with ts.open("memory://walk.tsplat") as file:
+    with opened("memory://walk.tsplat") as file:
         assert_same(file.views([8]), ts.decompress(data), [8])
         assert file.bytes_read < len(data) / 2
     with refusing(InputError, "memory://no.tsplat"):
@@ -150,26 +150,26 @@ def test_what_cannot_be_read_is_refused_in_one_line(source):
     assert "\n" not in str(caught.value)
 
 
-def test_damage_is_seen_where_it_is_read(data, small_reads):
+def test_damage_is_seen_where_it_is_read(data):
     ends = [prefix["bytes"] for prefix in ts.inspect(data)["prefixes"]]
     damaged = bytearray(data)
     damaged[ends[2] - 3] ^= 1
-    with ts.open(io.BytesIO(bytes(damaged))) as file:
+    with opened(io.BytesIO(bytes(damaged))) as file:
         file.views([0, 1, 3])
         with refusing(FormatError, "view 2"):
             file.views([2])
-    with ts.open(io.BytesIO(data[: ends[3] - 1])) as file:  # a download that stopped
+    with opened(io.BytesIO(data[: ends[3] - 1])) as file:  # a download that stopped
         file.views([0, 2])
         with refusing(FormatError, "VIEW[3]"):
             file.views([3])
     metadata = ends[0] - next(len(section) for kind, _, _, section in sections_of(data) if kind == b"VIEW")
     for length in (0, 5, 19, 30, 200, metadata - 1):
         with pytest.raises(FormatError):
-            ts.open(io.BytesIO(data[:length]))
+            opened(io.BytesIO(data[:length]))
     altered = bytearray(data)
     altered[60] ^= 1
     with pytest.raises(FormatError):
-        ts.open(io.BytesIO(bytes(altered)))
+        opened(io.BytesIO(bytes(altered)))
 
 
 def test_a_table_that_announces_more_than_memory_holds_is_refused_before_it_is_read(data):

@@ -9,6 +9,7 @@ from scenes import make_smooth_gaussians, refusing
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.encoder import SceneEncoder
 from tinysplat_runtime.codec.hevc import encode_plane
+from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.codec.rate import PlanesCoder
 from tinysplat_runtime.codec.search import code_to_size
@@ -46,7 +47,8 @@ def test_a_target_size_costs_at_most_as_many_planes_as_two_encodes(gaussians):
         return plane
 
     def encoder():
-        return SceneEncoder(gaussians, PROFILES["balanced"], RUNTIME.store, threads=2, plane_coder=counted)
+        job = Job(gaussians, PROFILES["balanced"], 0, RUNTIME.store, 2, EncodeStats(), plane_coder=counted)
+        return SceneEncoder(job)
 
     plain_encoder = encoder()
     plain_encoder.code(plain_encoder.plan(0), 0)

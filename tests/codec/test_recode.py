@@ -10,7 +10,7 @@ from hostile.containers import Seed, join
 from scenes import drawn_psnr, make_smooth_gaussians, refusing
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.layout import PARAMETER_SETS, SCENE
 from tinysplat_runtime.container.reader import read_container

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scenes import free_in_tiers, make_free_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.free.levels import LEVELS, WHOLE, Tiers
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 
@@ -108,8 +107,8 @@ def test_a_damaged_picture_leaves_out_its_tier_and_those_behind_it(data: bytes) 
     assert ts.Runtime(threads=1).decompress(bytes(damaged), lost=lost).count == 800
 
 
-def test_a_tier_that_would_be_empty_leaves_one_for_all() -> None:
-    numbers = np.array([0, 1, 2, 2], np.uint8)
-    assert Tiers(LEVELS, numbers, GROWTHS).of(np.array([0, 1, 3])).levels == LEVELS
-    found = Tiers(LEVELS, numbers, GROWTHS).of(np.array([0, 2, 3]))
-    assert found.levels == WHOLE and found.numbers.tolist() == [0, 0, 0] and found.growths == ()
+def test_gaussians_of_which_a_tier_would_be_empty_have_none() -> None:
+    made = cloud()
+    least = np.sort(made.opacities)[-240]  # those of the last tier do not show
+    data = free_in_tiers(replace(made, opacities=np.where(made.opacities < least, np.float32(1e-3), made.opacities)))
+    assert ts.decompress(data).count == 240 and ts.inspect(data)["tiers"] == [240]

@@ -42,14 +42,14 @@ def _changed(data: bytes, kind: bytes, change, index: int = 0) -> bytes:
 
 def test_files_of_more_views_than_a_network_takes_have_a_section_for_each(data, gaussians):
     kinds = [(kind, index) for kind, _, index, _ in sections_of(data)]
-    assert kinds[-VIEWS - 1 :] == [(b"UNIT", 0), *((b"VIEW", view) for view in range(VIEWS))]
+    assert kinds[-VIEWS:] == [(b"VIEW", view) for view in range(VIEWS)] and (b"UNIT", 0) in kinds
     assert ts.inspect(data)["version"] == "1.5"
     few = ts.compress(make_smooth_gaussians(MOST_TOGETHER, 16, 24, degree=1), profile="fast")
     assert ts.inspect(few)["version"] == "1.0" and not {kind for kind, *_ in sections_of(few)} & {b"UNIT", b"VIEW"}
 
 
 def test_a_view_has_what_the_page_says_where_the_page_says(data):
-    """Head by hand: layer 1's intrinsics, both reference quaternions, then length and CRC of UNIT's pictures."""
+    """Head by hand: a layer's intrinsics and reference quaternion by its flags, then UNIT's lengths and CRCs."""
     sections = {(kind, index): section for kind, _, index, section in sections_of(data)}
     count, _ = struct.unpack_from("<HH", sections[b"UNIT", 0])
     order = [struct.unpack_from("<BB", sections[b"UNIT", 0], 4 + 2 * n) for n in range(count)]
@@ -59,17 +59,19 @@ def test_a_view_has_what_the_page_says_where_the_page_says(data):
     assert set(order) == coded
     for view in (0, 3, VIEWS - 1):
         unit = sections[b"VIEW", view]
-        size = 4 + 16 + 40 + 16 + 8 * count
-        assert struct.unpack_from("<I", unit)[0] == crc32(unit[4:size])
-        first, *own = (struct.unpack_from(code, unit, at) for code, at in (("<4f", 4), ("<5d", 20), ("<4f", 60)))
-        layers = container.body.layers
-        np.testing.assert_array_equal(first, layers[0].reference_quats[view])
-        K = layers[1].cameras[view].K
-        assert own[0] == (K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1])
-        np.testing.assert_array_equal(own[1], layers[1].reference_quats[view])
-        at = size
+        at, layers = 4, container.body.layers
+        for n, layer in enumerate(layers):
+            if sections[b"LAYR", n][10] & 16:
+                fx, fy, cx, cy, skew = struct.unpack_from("<5d", unit, at)
+                np.testing.assert_array_equal(layer.cameras[view].K, [[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
+                at += 40
+            if sections[b"LAYR", n][10] & 2:
+                np.testing.assert_array_equal(struct.unpack_from("<4f", unit, at), layer.reference_quats[view])
+                at += 16
+        rows, at = at, at + 8 * count
+        assert struct.unpack_from("<I", unit)[0] == crc32(unit[4:at])
         for n, (layer, record) in enumerate(order):
-            length, crc = struct.unpack_from("<II", unit, 76 + 8 * n)
+            length, crc = struct.unpack_from("<II", unit, rows + 8 * n)
             picture = container.pictures.payload(layer, layers[layer].channels[record], view)
             assert bytes(picture) == unit[at : at + length] and crc32(picture) == crc
             at += length
@@ -125,23 +127,25 @@ def _in_head(at: int, octets: bytes):
 
     def change(unit: bytes) -> bytes:
         unit = unit[: 4 + at] + octets + unit[4 + at + len(octets) :]
-        size = 72 + 8 * PICTURES
-        return struct.pack("<I", crc32(unit[4 : 4 + size])) + unit[4:]
+        return struct.pack("<I", crc32(unit[4:HEAD])) + unit[4:]
 
     return change
 
 
-PICTURES = 0
+PICTURES = HEAD = 0
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _count(data):
-    global PICTURES
-    PICTURES = struct.unpack_from("<H", next(s for kind, _, _, s in sections_of(data) if kind == b"UNIT"))[0]
+    global PICTURES, HEAD
+    sections = sections_of(data)
+    PICTURES = struct.unpack_from("<H", next(s for kind, _, _, s in sections if kind == b"UNIT"))[0]
+    HEAD = 4 + 8 * PICTURES
+    HEAD += sum(40 * bool(s[10] & 16) + 16 * bool(s[10] & 2) for kind, _, _, s in sections if kind == b"LAYR")
 
 
 HOSTILE = {
-    "a picture longer than its view": (b"VIEW", 3, _in_head(72, b"\xff\xff\xff\x7f")),
+    "a picture longer than its view": (b"VIEW", 3, lambda unit: _in_head(HEAD - 12, b"\xff\xff\xff\x7f")(unit)),
     "a picture one byte shorter": (b"VIEW", 3, lambda unit: unit[:-1]),
     "bytes behind the pictures": (b"VIEW", 3, lambda unit: unit + b"\0"),
     "a head cut short": (b"VIEW", 3, lambda unit: unit[:50]),
@@ -214,16 +218,15 @@ def test_a_prefix_gives_the_views_that_it_reaches(data):
     begun = ts.decompress(data, max_bytes=ends[1] - 1)  # the last picture of view 1 is cut off
     assert len(begun.cameras) == 2
     np.testing.assert_array_equal(begun.means[0], whole.means[0])
-    head = 76 + 8 * PICTURES
-    assert len(ts.decompress(data, max_bytes=ends[1] + head - 1).cameras) == 2
+    assert len(ts.decompress(data, max_bytes=ends[1] + HEAD - 1).cameras) == 2
     first = next(section for kind, _, index, section in sections_of(data) if (kind, index) == (b"VIEW", 0))
     start = ends[0] - len(first)
-    with refusing(FormatError, f"{start + head}"):
-        ts.decompress(data, max_bytes=start + head - 1)
-    depth = struct.unpack_from("<I", first, 76)[0]
-    with refusing(FormatError, f"{start + head + depth}"):
-        ts.decompress(data, max_bytes=start + head)
-    assert len(ts.decompress(data, max_bytes=start + head + depth).cameras) == 1
+    with refusing(FormatError, f"{start + HEAD}"):
+        ts.decompress(data, max_bytes=start + HEAD - 1)
+    depth = struct.unpack_from("<I", first, HEAD - 8 * PICTURES)[0]
+    with refusing(FormatError, f"{start + HEAD + depth}"):
+        ts.decompress(data, max_bytes=start + HEAD)
+    assert len(ts.decompress(data, max_bytes=start + HEAD + depth).cameras) == 1
 
 
 def test_damage_costs_the_view_or_the_picture_that_it_hits_and_both_are_named(data):
@@ -234,7 +237,7 @@ def test_damage_costs_the_view_or_the_picture_that_it_hits_and_both_are_named(da
     damaged[ends[4] - 1] ^= 1  # in the last picture of view 4
     lost: list[str] = []
     found = ts.decompress(bytes(damaged), lost=lost)
-    assert lost[0] == "view 2" and len(lost) == 2 and lost[1].endswith("view 4")
+    assert len(lost) == 2 and "2" in lost[0] and "4" in lost[1]
     np.testing.assert_array_equal(found.means[:2], whole.means[:2])
     np.testing.assert_array_equal(found.means[5], whole.means[6])
     with refusing(FormatError, "VIEW[2]: CRC"):

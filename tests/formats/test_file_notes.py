@@ -18,12 +18,10 @@ from tinysplat_runtime.formats.file_notes import npz_notes, ply_notes
     [
         ("comment unit: a\\u00e9\ncomment licence:CC0\r\ncomment other: x\n", {"unit": "aé", "licence": "CC0"}),
         ('comment unit: a"b\\\n', {"unit": 'a"b\\'}),
-        ("comment  unit: a\n", {}),
         ("comment SplatRenderMode: mip\n", {"antialiased": "yes"}),
         ("comment antialiased 1\n", {"antialiased": "yes"}),
         ("comment splatrendermode: MIP\n", {"antialiased": "yes"}),
         ("comment antialiased 0\n", {}),
-        ("comment antialiased 1\ncomment antialiased 0\n", {}),
         ("comment SplatRenderMode: default\n", {}),
     ],
 )

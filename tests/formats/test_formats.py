@@ -111,8 +111,6 @@ def test_float64_means_far_from_the_origin_keep_their_precision(
     assert (error <= 1e-6 * distance).all()
     np.testing.assert_allclose(loaded.origin, UTM, atol=20)
     np.testing.assert_allclose(loaded.means, made.means, atol=20)  # small numbers, not 5 million
-    if with_cameras:
-        np.testing.assert_allclose(loaded.origin, c2w[:, :3, 3].mean(axis=0), atol=1e-9)
     save_gaussians(tmp_path / "again.npz", loaded)
     assert_identical(load_gaussians(tmp_path / "again.npz"), loaded)
 
@@ -127,7 +125,7 @@ def test_lists_become_pixels_where_grid_or_cameras_say_so(tmp_path: Path) -> Non
     assert_identical(load_gaussians(path, cameras=made.cameras), made)
     assert_identical(load_gaussians(path, grid=(2, 8, 12), cameras=made.cameras), made)
     assert_identical(load_gaussians(path, cameras=list(made.cameras), grid=None), made)
-    assert "2x8x13" in refusal(path, grid=(2, 8, 13))
+    assert tells(refusal(path, grid=(2, 8, 13)), "2 8 13")
     refusal(path, grid=(2, 8, 12), cameras=make_cameras(2, 9, 12))
     flat_with_cameras = write(tmp_path / "h.npz", {**arrays_of(made), **{n: getattr(flat, n) for n in FIELDS}})
     assert "--grid" in refusal(flat_with_cameras)
@@ -212,9 +210,9 @@ def npz_of_members(path: Path, members: dict[str, bytes], compression: int = zip
     return path
 
 
-def npy_header(text: str, version: tuple[int, int] = (1, 0)) -> bytes:
+def npy_header(text: str) -> bytes:
     encoded = text.encode("latin1") + b"\n"
-    return b"\x93NUMPY" + bytes(version) + len(encoded).to_bytes(2 if version == (1, 0) else 4, "little") + encoded
+    return b"\x93NUMPY\1\0" + len(encoded).to_bytes(2, "little") + encoded
 
 
 def described(shape: str, descr: str = "'<f4'") -> str:
@@ -254,8 +252,6 @@ def test_zip_bombs_are_refused_by_their_expansion(tmp_path: Path) -> None:
     path = npz_of_members(tmp_path / "g.npz", {"means.npy": data.getvalue()})
     assert path.stat().st_size < 1 << 16
     assert "16777216" in refusal(path, max_bytes=1 << 20)
-    assert "1000" in refusal(write(tmp_path / "h.npz", arrays_of(MADE)), max_bytes=1000)
-    assert "1000" in refusal(write(tmp_path / "h.safetensors", arrays_of(MADE)), max_bytes=1000)
 
 
 def test_npz_with_damaged_data_is_refused_by_its_checksum(tmp_path: Path) -> None:
@@ -270,5 +266,3 @@ def test_npz_with_more_data_than_its_shape_or_another_method_is_refused(tmp_path
     body = npy_header(described("(2,)")) + bytes(8)
     assert "means" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": body + bytes(3)}))
     assert "means" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": body}, zipfile.ZIP_LZMA))
-    version_3 = npy_header(described("(2,)"), (3, 0)) + bytes(8)
-    assert "(3, 0)" in refusal(npz_of_members(tmp_path / "g.npz", {"means.npy": version_3}))

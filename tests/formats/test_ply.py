@@ -104,9 +104,9 @@ def test_extreme_logits_and_logarithms(tmp_path: Path) -> None:
     loaded = load_gaussians(write(tmp_path / "a.ply", vertex))
     np.testing.assert_allclose(loaded.opacities, [0, 1, 3.72e-44, 1], rtol=1e-6, atol=1e-44)
     vertex["scale_1"][2] = 1e30
-    assert "scales[0, 1, 0, 1]: inf" in refusal(write(tmp_path / "b.ply", vertex), grid=(1, 2, 2))
+    assert tells(refusal(write(tmp_path / "b.ply", vertex), grid=(1, 2, 2)), "scales[0, 1, 0, 1]: inf")
     vertex["x"][1] = np.nan
-    assert "means[0, 0, 1, 0]: nan" in refusal(write(tmp_path / "c.ply", vertex), grid=(1, 2, 2))
+    assert tells(refusal(write(tmp_path / "c.ply", vertex), grid=(1, 2, 2)), "means[0, 0, 1, 0]: nan")
 
 
 def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:
@@ -184,8 +184,8 @@ def test_linear_values_are_told(tmp_path: Path, columns, change, words: str) -> 
     assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
     for name in columns:
         vertex[name] = change(vertex[name].astype(np.float64))
-    (line,) = warnings_of(write(tmp_path / "g.ply", vertex))
-    assert words in line and line.startswith(str(tmp_path / "g.ply"))
+    said = warnings_of(write(tmp_path / "g.ply", vertex))
+    assert any(words in line for line in said) and all(line.startswith(str(tmp_path / "g.ply")) for line in said)
 
 
 @pytest.mark.parametrize("name", ["x", "rot_1", "scale_2", "opacity", "f_dc_0", "f_rest_3"])
@@ -197,8 +197,9 @@ def test_points_with_nan_are_dropped_and_counted(tmp_path: Path, name: str, valu
     if (name, value) == ("opacity", np.inf):  # the logit of 1
         assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
         return
-    with pytest.warns(InputWarning, match=r"g\.ply\b.*\b2\b.*\b40\b"):
+    with pytest.warns(InputWarning) as caught:
         left = load_gaussians(write(tmp_path / "g.ply", vertex))
+    assert any(tells(str(entry.message), f"{tmp_path / 'g.ply'} 2 40") for entry in caught)
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(left, field), np.delete(getattr(whole, field), [3, 17], axis=0))
 

@@ -142,7 +142,7 @@ def test_a_signalling_nan_is_refused_without_a_warning(tmp_path: Path, field: in
         ("a.ksplat", ksplat(degree=9), "degree 9"),
         ("a.ksplat", ksplat(mode=1), ""),
         ("a.ksplat", bucketed(1, capacity=1), ""),
-        ("a.ksplat", bucketed(1)[:-1], "section 1 of 44 bytes"),
+        ("a.ksplat", bucketed(1)[:-1], ""),
         ("a.ksplat", ksplat(sections=0), ""),
     ],
 )

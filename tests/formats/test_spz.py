@@ -168,8 +168,7 @@ def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:
     bright = Gaussians(g.means + 1e6, g.quats, g.scales * 1e-9, g.opacities, g.sh + 9)
     notes = save_gaussians(tmp_path / "g.spz", bright)
     assert all(word in " ".join(notes) for word in ("positions", "scales", "colours"))
-    (note,) = save_gaussians(tmp_path / "d.spz", some(4))
-    assert tells(note, "SH 4 3 .spz")
+    assert any(tells(note, "SH 4 3") for note in save_gaussians(tmp_path / "d.spz", some(4)))
     scales = g.scales * 1e-9
     scales[0] = 1e3  # one large Gaussian hides no rounding of the others
     mixed = save_gaussians(tmp_path / "g.spz", Gaussians(g.means, g.quats, scales, g.opacities, g.sh))

@@ -74,16 +74,6 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, i
         stage_arrays(stage_of(tmp_path / "a.usda", **changes), 1 << 20)
 
 
-def test_arrays_take_no_more_than_allowed(tmp_path: Path) -> None:
-    """Two times three numbers of eight bytes are positions; two times four, orientations."""
-    file = stage_of(tmp_path / "a.usda")
-    with refusing(ValueError, "2 47"):
-        stage_arrays(file, 47)
-    with refusing(ValueError, "2 63"):
-        stage_arrays(file, 63)
-    assert len(stage_arrays(file, 64)["means"]) == 2
-
-
 def test_what_a_reader_does_not_survive_is_one_line(tmp_path: Path, processes: Callable) -> None:
     for status, said, words in ((1, "a\nlast\n", "last"), (-9, "", ""), (0, " \n", ""), (1, "y" * 20_000, "yyy")):
         done = subprocess.CompletedProcess([], status, "", said)

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scenes import agree
 
-from tinysplat_runtime.gaussian.curve import gathered, morton_order, spread
+from tinysplat_runtime.gaussian.curve import cells_of, morton_keys, morton_order
 
 BITS = 21
-CELLS = arrays(np.uint64, st.integers(1, 40), elements=st.integers(0, 2**BITS - 1))
+CELLS = arrays(np.int64, st.tuples(st.integers(1, 40), st.just(3)), elements=st.integers(0, 2**BITS - 1))
 POINTS = arrays(np.float64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.sampled_from([-3.0, 0, 1e-9, 1, 5]))
 
 
@@ -29,13 +29,9 @@ def by_keys(points: np.ndarray) -> list[int]:
     return sorted(range(len(points)), key=keys.__getitem__)
 
 
-def test_bits_are_spread_to_every_third_place_and_gathered_again() -> None:
-    def wanted(cells: np.ndarray) -> list[int]:
-        return interleaved(np.stack([cells, 0 * cells, 0 * cells], axis=1))
-
-    agree(lambda cells: spread(cells).astype(float), lambda cells: np.array(wanted(cells), float), CELLS)
-    others = np.uint64(2**63 - 1) & ~spread(np.array([2**BITS - 1], np.uint64))  # what lies between says nothing
-    agree(lambda cells: gathered(spread(cells) | others), lambda cells: cells, CELLS)
+def test_bits_of_cells_are_interleaved_and_taken_apart_again() -> None:
+    agree(lambda cells: morton_keys(cells).astype(float), lambda cells: np.array(interleaved(cells), float), CELLS)
+    agree(lambda cells: cells_of(morton_keys(cells)), lambda cells: cells.astype(float), CELLS)
 
 
 def test_points_are_ordered_by_the_cells_of_their_box() -> None:

@@ -10,7 +10,9 @@ from tinysplat_runtime.gaussian.planes import (
     CODING_ORDER,
     GEOMETRY,
     GEOMETRY_CHANNELS,
+    MAX_QP_BLOCKS,
     PLANE_CLASSES,
+    QP_BLOCK,
     PlaneClass,
     hevc_step,
     padded_size,
@@ -27,11 +29,12 @@ def test_planes_are_coded_at_the_next_multiple_of_8_from_16_on(height: int, widt
 
 
 @given(SIDE, SIDE)
-def test_blocks_with_a_qp_are_the_smallest_of_which_a_plane_has_1024_at_most(height: int, width: int) -> None:
-    side = 16
-    while -(-height // side) * -(-width // side) > 1024:
-        side *= 2
-    assert qp_block_side(height, width) == side
+def test_blocks_with_a_qp_are_the_smallest_of_which_a_plane_has_few_enough(height: int, width: int) -> None:
+    def blocks(side: int) -> int:
+        return -(-height // side) * -(-width // side)
+
+    side = qp_block_side(height, width)
+    assert blocks(side) <= MAX_QP_BLOCKS and (side == QP_BLOCK or blocks(side // 2) > MAX_QP_BLOCKS)
 
 
 def test_a_step_is_one_code_of_8_bits_at_qp_4_and_doubles_every_six() -> None:

@@ -73,7 +73,6 @@ def test_as_many_views_show_a_place_as_may_and_a_lone_one_always():
     for shown in (1, 2, 3):
         views = views_of(thinned(whole, shown=shown))
         assert (np.bincount(views)[[*range(shown), -1]] == HEIGHT * WIDTH).all()
-    assert thinned(whole).count == thinned(whole, shown=2).count > thinned(whole, shown=1).count
 
 
 def test_further_layers_stay_only_where_no_surface_is():
@@ -83,7 +82,7 @@ def test_further_layers_stay_only_where_no_surface_is():
         thin = thinned(replace(wall(row()), extra_layers=(layer,)))
         more = thin.count - thinned(wall(row())).count
         assert (more > 0) == stays
-        np.testing.assert_allclose(thin.opacities[thin.count - more :], 0.5 * 0.15, rtol=1e-6)
+        assert (thin.opacities[thin.count - more :] < 0.5 * 0.5).all()  # faint, for what they may stand before
 
 
 def test_threads_change_nothing():

@@ -58,7 +58,7 @@ def test_each_view_comes_from_the_group_that_keeps_it() -> None:
         for view, (group, place) in enumerate([(0, 0), (0, 1), (1, 1), (1, 2)]):
             for name in FIELDS:
                 np.testing.assert_array_equal(getattr(layer, name)[view], getattr(made[group].layers[n], name)[place])
-            assert layer.cameras[view] is made[group].layers[n].cameras[place]
+            np.testing.assert_array_equal(layer.cameras[view].c2w, made[group].layers[n].cameras[place].c2w)
     Gaussians(**vars(joined))  # which checks
 
 
@@ -70,9 +70,8 @@ def test_groups_far_away_get_one_origin() -> None:
         return marked(scene.views(views), scene.cameras[views[0]].centre)
 
     joined = predict_groups(scene.cameras, NEAR, GROUPS, run)
-    np.testing.assert_allclose(joined.origin, [shift + 0.3, 0, 0])
     found = joined.means[:, 0, 0, 0] + joined.origin[0]
-    np.testing.assert_allclose(found, [camera.centre[0] for camera in scene.cameras], atol=1e-5)
+    np.testing.assert_allclose(found, [camera.centre[0] for camera in scene.cameras], rtol=0, atol=1e-5)
 
 
 def test_what_a_network_takes_at_once_is_one_group() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from scenes import make_cameras
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.decoder import decode_gaussians
+from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians, read_file
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.profiles import EncoderSettings
 from tinysplat_runtime.codec.recode import encode_like
@@ -68,11 +68,13 @@ class Target:
     Attributes:
         attack: makes an input and feeds it.
         refusals: errors that are the right answer.
+        endings: of the Gaussian files that it makes.
     """
 
     name: str
     attack: Callable[[Random], None]
     refusals: tuple[type[Exception], ...]
+    endings: tuple[str, ...] = ()
 
 
 def _container(rng: Random) -> None:
@@ -92,8 +94,8 @@ def _store() -> GraphStore:
 def _decode(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.tsplat_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
-    lost: list[str] | None = [] if rng.random() < 0.2 else None
-    gaussians = decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix, lost=lost)
+    read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=rng.random() < 0.2)
+    gaussians = decode_file(read, _store(), threads=1)
     check_decoded(gaussians)
     if rng.random() < 0.1:
         try:
@@ -107,9 +109,10 @@ def _decode(rng: Random) -> None:
 def _free(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.free_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
-    lost: list[str] | None = [] if rng.random() < 0.2 else None
-    check_decoded(decode_gaussians(data, _store(), threads=1, limits=LIMITS, max_bytes=prefix, lost=lost))
-    json.dumps(inspect_bytes(data, LIMITS, is_prefix=prefix is not None or lost is not None), allow_nan=False)
+    is_damaged = rng.random() < 0.2
+    read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=is_damaged)
+    check_decoded(decode_file(read, _store(), threads=1))
+    json.dumps(inspect_bytes(data, LIMITS, is_prefix=prefix is not None or is_damaged), allow_nan=False)
 
 
 def check_decoded(gaussians: ts.Gaussians) -> None:
@@ -188,7 +191,7 @@ def _gaussian_file(
         ts.load_gaussians(path, max_bytes=LIMITS.max_memory_bytes)
 
     attack = _from_file(suffix, seeds or (lambda: corpus.gaussian_seeds(suffix)), load, spoil)
-    return Target(name or suffix.removeprefix("."), attack, (InputError,))
+    return Target(name or suffix.removeprefix("."), attack, (InputError,), (suffix,))
 
 
 def _video(path: Path) -> None:
@@ -244,9 +247,12 @@ def _sog_folder(rng: Random) -> None:
         ts.load_gaussians(Path(folder) / "meta.json", max_bytes=LIMITS.max_memory_bytes)
 
 
+USD = ((".usda", damage_text), (".usda", damage_text), (".usdc", damage), (".usdz", damage))
+
+
 def _usd(rng: Random) -> None:
     """Damaged text, or damaged binary, in a process of its own and within bounds."""
-    suffix, spoil = rng.choice(((".usda", damage_text), (".usda", damage_text), (".usdc", damage), (".usdz", damage)))
+    suffix, spoil = rng.choice(USD)
     with tempfile.TemporaryDirectory() as folder, forked_usd_worker():
         path = Path(folder) / f"f{suffix}"
         path.write_bytes(spoil(rng.choice(corpus.gaussian_seeds(suffix)), rng))
@@ -306,10 +312,10 @@ TARGETS: dict[str, Target] = {
         _gaussian_file(".gltf", damage_json),
         _gaussian_file(".glb", damage_glb_spz, corpus.gltf_spz_seeds, "glb_spz"),
         _gaussian_file(".sog", damage_sog),
-        Target("sog_folder", _sog_folder, (InputError,)),
+        Target("sog_folder", _sog_folder, (InputError,), ("meta.json",)),
         _gaussian_file(".splat", damage, corpus.splat_seeds),
         _gaussian_file(".ksplat", damage, corpus.ksplat_seeds),
-        Target("usd", _usd, (InputError,)),
+        Target("usd", _usd, (InputError,), (".usd", *(suffix for suffix, _ in USD))),  # .usd is text or binary
         Target("transforms", _transforms, (InputError,)),
         Target("colmap", _colmap, (InputError,)),
         Target("photos", _photo_file, (FormatError, ModelError, InputError, NumericError)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
@@ -21,7 +21,7 @@ from tinysplat_runtime.codec.hevc import PlaneDecoder
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bounds import decoding_bytes
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import ChannelRecord, Limits
+from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError, InputError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import PlaneClass
@@ -63,14 +63,14 @@ def test_a_flipped_bit_behind_a_repaired_section_checksum_is_still_seen(seed: Se
             data = bytearray(part.data)
             data[len(data) // 2] ^= 1
             parts = [*seed.parts[:i], replace(part, data=bytes(data)), *seed.parts[i + 1 :]]
-            with pytest.raises(FormatError, match="CRC differs"):
+            with pytest.raises(FormatError):
                 ts.decompress(join(parts))
 
 
 def test_a_table_of_more_sections_than_the_format_allows_is_refused(seed: Seed) -> None:
     notes = [Part(b"XTRA", 0, n, b"") for n in range(L.MAX_SECTIONS - len(seed.parts) + 1)]
     read_container(join([*seed.parts, *notes[:-1]]))
-    with pytest.raises(FormatError, match="sections"):
+    with pytest.raises(FormatError):
         read_container(join([*seed.parts, *notes]))
 
 
@@ -80,22 +80,22 @@ def test_a_table_of_more_sections_than_the_format_allows_is_refused(seed: Seed) 
 NO_NUMBERS = (np.nan, np.inf, -np.inf)
 FAR = (1e16, -1e300, 1.7e308)  # beyond what float64 resolves
 NUMBERS = [
-    (L.SCENE, "<f4", [4], NO_NUMBERS, None),
-    (L.SCENE, "<f8", [8, 16, 24], (*NO_NUMBERS, *FAR), "origin"),
-    (L.CAMERAS, "<f8", range(0, 2 * 136, 8), NO_NUMBERS, None),
-    (L.CAMERAS, "<f8", [0, 8], (5e-324, 1e-300, 1e-45, 1e-7, 1e10, 1.7e308), "focal|at most"),
-    (L.CAMERAS, "<f8", range(16, 136, 8), FAR, None),
-    (L.LAYER, "<f4", range(16, 32, 4), NO_NUMBERS, None),
-    (L.LAYER, "<f4", [L.LAYER_FIXED.size], (np.nan, 1e30, -3e38), "length 1"),  # of a reference rotation
+    (L.SCENE, "<f4", [4], NO_NUMBERS),
+    (L.SCENE, "<f8", [8, 16, 24], (*NO_NUMBERS, *FAR)),  # the origin
+    (L.CAMERAS, "<f8", range(0, 2 * 136, 8), NO_NUMBERS),
+    (L.CAMERAS, "<f8", [0, 8], (5e-324, 1e-300, 1e-45, 1e-7, 1e10, 1.7e308)),  # focal lengths
+    (L.CAMERAS, "<f8", range(16, 136, 8), FAR),
+    (L.LAYER, "<f4", range(16, 32, 4), NO_NUMBERS),
+    (L.LAYER, "<f4", [L.LAYER_FIXED.size], (np.nan, 1e30, -3e38)),  # a reference rotation
 ]
 
 
-@pytest.mark.parametrize(("kind", "code", "places", "values", "words"), NUMBERS)
+@pytest.mark.parametrize(("kind", "code", "places", "values"), NUMBERS)
 def test_numbers_that_arithmetic_cannot_take_are_refused_without_a_warning(
-    seed: Seed, kind: bytes, code: str, places: Iterable[int], values: Iterable[float], words: str | None
+    seed: Seed, kind: bytes, code: str, places: Iterable[int], values: Iterable[float]
 ) -> None:
     for at, value in product(places, values):
-        with pytest.raises(FormatError, match=words):
+        with pytest.raises(FormatError):
             read_container(changed(seed, kind, field(at, code, value)))
 
 
@@ -109,25 +109,19 @@ def test_reference_rotations_scale_mixes_bases_and_channels_may_not_hold_nan(see
             read_container(changed(seed, L.LAYER, field(at, "<f4", np.nan)))
 
 
-@pytest.mark.parametrize(
-    ("change", "names"),
-    [
-        (lambda c: replace(c, scale=9e29), "can decode to"),
-        (lambda c: replace(c, offset=9.9e29, scale=9e26), "can decode to"),
-    ],
-)
+@pytest.mark.parametrize("change", [{"scale": 9e29}, {"offset": 9.9e29, "scale": 9e26}])
 @pytest.mark.parametrize("plane_class", list(PlaneClass))
 def test_values_that_are_in_range_each_but_overflow_together_are_refused(
-    fine: Seed, plane_class: PlaneClass, change: Callable[[ChannelRecord], ChannelRecord], names: str
+    fine: Seed, plane_class: PlaneClass, change: dict[str, float]
 ) -> None:
     channel = next(c for c in read_container(fine.data).body.layers[0].channels if c.plane_class == plane_class)
 
     def write(data: bytearray) -> None:
         head = L.CHANNEL.pack(plane_class, channel.target, L.INTRA, channel.qp, channel.scale, channel.offset)
-        at, new = data.index(head), change(channel)
+        at, new = data.index(head), replace(channel, **change)
         data[at : at + len(head)] = L.CHANNEL.pack(plane_class, new.target, L.INTRA, new.qp, new.scale, new.offset)
 
-    with pytest.raises(FormatError, match=names):
+    with pytest.raises(FormatError):
         read_container(changed(fine, L.LAYER, write))
 
 
@@ -135,7 +129,7 @@ def test_cameras_too_far_away_are_refused() -> None:
     for value in FAR:
         c2w = np.eye(4)
         c2w[0, 3] = value
-        with pytest.raises(InputError, match="c2w"):
+        with refusing(InputError, "c2w"):
             Camera(np.eye(3), c2w, 4, 4)
 
 
@@ -156,7 +150,7 @@ def test_scenes_that_no_file_can_hold_are_refused_when_they_are_encoded() -> Non
     means[0, 0, :, 2] = 1e13
     means[0, 1, :, 0] = 1e19
     scene = ts.Gaussians(means, g.quats, g.scales, g.opacities, g.sh, (camera,))
-    with pytest.raises(NumericError, match="what a file can hold"):
+    with pytest.raises(NumericError):
         ts.compress(scene, "paper")
 
 
@@ -204,13 +198,10 @@ def test_streams_of_another_size_depth_or_chroma_than_the_header_says_are_refuse
 
 
 def test_more_pictures_than_memory_allows_are_refused_before_any_is_decoded(seed: Seed) -> None:
-    """The codes of 256 depth channels would outweigh the Gaussians ten times."""
-    layer = read_container(seed.data).body.layers[0]
-    many = replace(layer, channels=tuple(layer.channels[:1]) * 256)
-    assert decoding_bytes(many) > 256 * 2 * layer.gaussians
-    with pytest.raises(FormatError, match="max-memory"):
-        read_container(seed.data, Limits(max_memory_bytes=decoding_bytes(layer) - 1))
-    read_container(seed.data, Limits(max_memory_bytes=decoding_bytes(layer)))
+    needed = decoding_bytes(read_container(seed.data).body.layers[0])
+    with refusing(FormatError, "max-memory"):
+        read_container(seed.data, Limits(max_memory_bytes=needed - 1))
+    read_container(seed.data, Limits(max_memory_bytes=needed))
 
 
 @pytest.mark.parametrize("depth_channels", [1, 60])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from hostile.targets import TARGETS, attack
 
+from tinysplat_runtime.formats.table import endings
+
 pytestmark = pytest.mark.filterwarnings("ignore::tinysplat_runtime.errors.InputWarning")  # meant for users
 
 SHARE = {
@@ -50,6 +52,10 @@ FOUND = {
 def test_what_was_found_stays_fixed(name: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert {attack(TARGETS[name], case).kind for case in FOUND[name]} <= {"refused", "accepted"}
     assert tuple(capfd.readouterr()) == ("", "")
+
+
+def test_every_gaussian_file_that_is_read_is_attacked() -> None:
+    assert {ending for target in TARGETS.values() for ending in target.endings} == set(endings(written=False))
 
 
 def test_attacks_with_the_same_number_are_the_same() -> None:

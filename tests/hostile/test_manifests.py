@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from console import tinysplat
-from scenes import write_scene
+from scenes import refusing, tells, write_scene
 
 from tinysplat.batch.jobs import read_manifest
 from tinysplat_runtime.errors import InputError
@@ -23,12 +23,12 @@ def test_a_manifest_loads_no_code_or_graph_unless_the_command_line_allows_it(
     (tmp_path / "list.txt").write_text(json.dumps(entry))
     command = ("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--workers", 1)
     refused = tinysplat(*command)
-    assert refused.returncode == 2 and f"line 1: {option}: loads code" in refused.stderr
-    assert f"--allow {option}" in refused.stderr and not (tmp_path / "out").exists()
+    assert refused.returncode == 2 and tells(refused.stderr, f"1: --allow {option}")
+    assert not (tmp_path / "out").exists()
     other = {"model": "provider", "provider": "model"}[option]
-    assert "loads code" in tinysplat(*command, "--allow", other).stderr
+    assert f"--allow {option}" in tinysplat(*command, "--allow", other).stderr
     allowed = tinysplat(*command, "--allow", option)  # now it is loaded, and what it is comes out
-    assert allowed.returncode == 2 and "loads code" not in allowed.stderr and "1 scenes failed" in allowed.stderr
+    assert allowed.returncode == 2 and "--allow" not in allowed.stderr and (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -37,12 +37,13 @@ def test_a_manifest_loads_no_code_or_graph_unless_the_command_line_allows_it(
      "\ud800", "n" * 201],
 )  # fmt: skip
 def test_an_output_is_named_alike_in_the_batchs_folder_on_every_system(name: str) -> None:
-    with pytest.raises(InputError, match=r"line 1: name: .* expected a plain file name"):
+    with pytest.raises(InputError) as caught:
         read_manifest(json.dumps({"scene": "s", "name": name}), "out", {})
+    assert caught.value.where == "line 1: name"
 
 
 def test_names_that_one_file_would_hold_are_told_apart() -> None:
-    with pytest.raises(InputError, match="line 2: the name 'S' again, first in line 1"):
+    with refusing(InputError, "2 'S' 1"):
         read_manifest("s\nS", "out", {})
 
 

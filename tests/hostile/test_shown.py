@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conformance.run import CASES
 from console import fail
-from scenes import make_smooth_gaussians, write_scene
+from scenes import make_smooth_gaussians, refusing, write_scene
 from sections import file_of, sections_of
 from web.node import Decoder
 
@@ -95,7 +95,7 @@ def test_this_machine_is_served_under_its_own_names(port: int, host: str | None)
 def test_a_site_whose_name_leads_to_this_machine_reads_nothing(port: int, host: str) -> None:
     """DNS rebinding: the browser takes its scripts for the page's own, but says their name."""
     status, body, _ = asked(port, "GET", host)
-    assert status == 403 and len(body) < 200 and b"--html" in body
+    assert status == 403 and b"<" not in body
 
 
 @pytest.mark.parametrize("first", [0, 1, 700])
@@ -139,7 +139,7 @@ def test_a_few_bytes_do_not_fill_a_visitors_memory() -> None:
     assert len(constants(2000)) < 2000
     with Decoder() as decoder:
         said, _ = decoder(constants(2000), limits=OF_PAGES)
-        assert said["error"] == "TsplatError" and "256 Gaussians for each of its" in said["message"]
+        assert said["error"] == "TsplatError" and "256" in said["message"]
         said, _ = decoder(ts.compress(make_smooth_gaussians(2, 48, 48, 0)), limits=OF_PAGES)
         assert said["count"] == 2 * 48 * 48
 
@@ -147,7 +147,7 @@ def test_a_few_bytes_do_not_fill_a_visitors_memory() -> None:
 def test_parameter_sets_hold_no_more_than_their_place() -> None:
     data = ts.compress(make_smooth_gaussians(1, 16, 16, 0), "fast")
     long = [[k, f, i, d + bytes(4 << 20) if k == L.PARAMETER_SETS else d] for k, f, i, d in sections_of(data)]
-    with pytest.raises(ts.FormatError, match=r"HEVC\[0\]: 4194\d+ bytes of parameter sets, expected at most 1024"):
+    with refusing(ts.FormatError, "HEVC[0] 1024"):
         ts.decompress(file_of(long))
     with Decoder() as decoder:
         said, _ = decoder(file_of(long))

@@ -40,14 +40,14 @@ def test_bd_rate_is_the_share_of_bytes_wherever_it_is_taken(share: float, limits
 
 
 def test_bd_rate_is_taken_over_what_curves_share_and_refused_where_that_is_too_little() -> None:
-    for low, shared in ((35.9, "0.10"), (35.0, "1.00")):
+    for low, shared in ((35.9, "0.1"), (35.0, "1")):
         overlapping = line(0.5, decibels=(low, 36.5, 38))
         assert bd_rate(line(), overlapping, least_overlap=float(shared) - 0.01) == pytest.approx(-0.5)
         with refusing(InputError, shared):
             bd_rate(line(), overlapping, least_overlap=float(shared) + 0.01)
-    with refusing(InputError, "0.00"):
+    with pytest.raises(InputError):
         bd_rate(line(), line(decibels=(40, 42)))
-    with refusing(InputError, "0.20"):
+    with refusing(InputError, "0.2"):
         bd_rate(line(), line(), (31.0, 31.2), 0.3)
     for pair in ((line()[:1], line()), (line(), line()[:1])):
         with pytest.raises(InputError):

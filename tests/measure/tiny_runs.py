@@ -1,7 +1,8 @@
-"""Studies on pictures so small that a test can afford them."""
+"""Studies on pictures so small that a test can afford them, and what their tables show."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from tinysplat.commands.bench import measure_studies
@@ -31,6 +32,13 @@ def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
         Options(**{"size": (48, 64), "rounds": 1, **options}),
         [str(entry) for entry in left_out],  # type: ignore[arg-type]
     )
+
+
+def shows(text: str, value: float) -> bool:
+    """Whether a number stands in a text, with however many digits behind its point; whole ones may stand without."""
+    numbers = (number.replace(",", "") for number in re.findall(r"\d[\d,]*(?:\.\d+)?", text))
+    known = (number for number in numbers if "." in number or value == round(value))
+    return any(abs(float(number) - abs(value)) <= 0.51 * 10.0 ** -len(number.partition(".")[2]) for number in known)
 
 
 def rows_of(study: str, run: Run) -> list[Row]:

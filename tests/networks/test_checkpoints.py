@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import pickle
 import sys
 import types
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from scenes import refusing
 from torch import Tensor
 
-from tinysplat.checkpoints import RELEASES, identify, load_network, official_shapes, read_checkpoint
+from tinysplat.checkpoints import identify, load_network, official_shapes, read_checkpoint
 from tinysplat.networks import OFFICIAL
 from tinysplat_runtime.errors import InputError
 
@@ -83,7 +83,7 @@ def test_a_file_that_would_run_code_is_refused_and_runs_nothing(function: Any, t
     trace = tmp_path / "trace"
     argument = {os.system: f"touch {trace}", eval: f"open({str(trace)!r}, 'w')"}.get(function, str(trace))
     path = save(tmp_path / "evil.ckpt", {"state_dict": official_state("mvsplat"), "hook": Exploit(function, argument)})
-    with pytest.raises(InputError, match=r"not allowed|cannot be read"):
+    with refusing(InputError, str(path)):
         read_checkpoint(path)
     assert not trace.exists()
 
@@ -100,32 +100,33 @@ def _damaged(path: Path) -> None:
         lambda path: path.write_bytes(b"<html>404</html>" * 100),
         lambda path: path.write_bytes(pickle.dumps({"state_dict": {}})),
         _damaged,
+        lambda path: None,
     ],
-    ids=["empty", "web page", "bare pickle", "cut short"],
+    ids=["empty", "web page", "bare pickle", "cut short", "missing"],
 )
 def test_files_that_are_no_checkpoints_are_refused(write: Any, tmp_path: Path) -> None:
     path = tmp_path / "some.ckpt"
     write(path)
-    with pytest.raises(InputError, match="checkpoint") as caught:
+    with pytest.raises(InputError) as caught:
         read_checkpoint(path)
     assert caught.value.where == str(path)
 
 
-def test_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        read_checkpoint(tmp_path / "none.ckpt")
-
-
-def test_depth_only_checkpoint_is_told_apart(tmp_path: Path) -> None:
-    path = save(tmp_path / "depth.pth", {"model": {"backbone.conv1.weight": torch.zeros(64, 3, 7, 7)}})
-    with pytest.raises(InputError, match="depth predictor only"):
+@pytest.mark.parametrize(
+    "content",
+    [
+        [1, 2],
+        {"state_dict": {}},
+        {"lr": 0.1},
+        torch.zeros(3),
+        {"model": {"backbone.conv1.weight": torch.zeros(64, 3, 7, 7)}},
+    ],
+    ids=["list", "empty", "no tensor", "nameless", "depth only"],
+)
+def test_files_without_a_network_of_gaussians_are_refused(content: Any, tmp_path: Path) -> None:
+    path = save(tmp_path / "some.pth", content)
+    with refusing(InputError, str(path)):
         read_checkpoint(path)
-
-
-@pytest.mark.parametrize("content", [[1, 2], {"state_dict": {}}, {"lr": 0.1}, torch.zeros(3)])
-def test_files_without_named_tensors_are_refused(content: Any, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no tensors by name"):
-        read_checkpoint(save(tmp_path / "some.pth", content))
 
 
 def test_unknown_network_is_refused_with_those_there_are(tmp_path: Path) -> None:
@@ -135,46 +136,42 @@ def test_unknown_network_is_refused_with_those_there_are(tmp_path: Path) -> None
     assert all(f"{name} ({variant})" in str(caught.value) for name, variant in OFFICIAL)
 
 
-def _without(state: Mapping[str, Tensor], name: str) -> State:
-    return {k: v for k, v in state.items() if k != name}
-
-
 CONV = "encoder.backbone.backbone.conv1.weight"
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "named"),
     [
-        (lambda s: _without(s, CONV), "1 missing: backbone.backbone.conv1.weight"),
-        (lambda s: s | {"encoder.extra": torch.zeros(1)}, "1 unexpected: extra"),
+        (lambda s: {name: value for name, value in s.items() if name != CONV}, "1: backbone.backbone.conv1.weight"),
+        (lambda s: s | {"encoder.extra.7": torch.zeros(1)}, "1: extra.7"),
         (
             lambda s: s | {CONV: torch.zeros(64, 3, 5, 5)},
-            "1 of another shape: backbone.backbone.conv1.weight is (64, 3, 5, 5), expected (64, 3, 7, 7)",
+            "1: backbone.backbone.conv1.weight (64, 3, 5, 5), (64, 3, 7, 7)",
         ),
     ],
     ids=["missing", "unexpected", "reshaped"],
 )
-def test_differences_are_named_one_by_one(change: Any, message: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        load_network(save(tmp_path / "re10k.ckpt", change(official_state("mvsplat"))), "mvsplat")
-    assert "mvsplat (re10k)" in caught.value.message and message in caught.value.message
+def test_differences_are_named_one_by_one(change: Any, named: str, tmp_path: Path) -> None:
+    path = save(tmp_path / "re10k.ckpt", change(official_state("mvsplat")))
+    with refusing(InputError, f"{path} (re10k) {named}") as caught:
+        load_network(path, "mvsplat")
+    assert "mvsplat" in str(caught.value)
 
 
 def test_another_known_network_than_asked_for_is_named(tmp_path: Path) -> None:
     path = save(tmp_path / "small.pth", official_state("depthsplat-small"))
-    with pytest.raises(InputError, match=r"holds depthsplat-small \(re10k\), expected depthsplat-base"):
+    with refusing(InputError, "depthsplat-small (re10k) depthsplat-base"):
         load_network(path, "depthsplat-base")
 
 
 def test_published_file_with_another_hash_is_a_bad_download(tmp_path: Path) -> None:
     path = save(tmp_path / "depthsplat-gs-small-re10k-256x256-view2-cfeab6b1.pth", official_state("depthsplat-small"))
-    with pytest.raises(InputError, match="expected cfeab6b1"):
+    with refusing(InputError, f"{path}: cfeab6b1"):
         read_checkpoint(path)
 
 
-def test_scale_rule_of_a_published_file_follows_from_its_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path / "renamed.pth", official_state("depthsplat-small"))
-    march = next(release for release in RELEASES.values() if release.scale_rule == "2025-03")
-    monkeypatch.setitem(RELEASES, hashlib.sha256(path.read_bytes()).hexdigest()[:8], march)
-    assert load_network(path).scale_rule == "2025-03"
-    assert load_network(path, scale_rule="2025-04").scale_rule == "2025-04"
+def test_scale_rule_of_a_published_file_follows_from_its_hash(tmp_path: Path) -> None:
+    read = read_checkpoint(save(tmp_path / "renamed.pth", official_state("depthsplat-small")))
+    march = replace(read, digest="20f39ed8".ljust(64, "0"))
+    assert load_network(march).scale_rule == "2025-03"
+    assert load_network(march, scale_rule="2025-04").scale_rule == "2025-04"

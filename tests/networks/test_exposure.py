@@ -28,11 +28,6 @@ def both(images: np.ndarray, views: int) -> tuple[Tensor, Tensor]:
     return matched.permute(0, 2, 3, 1), shown.permute(0, 2, 3, 1)
 
 
-def adjusted(images: np.ndarray, views: int) -> Tensor:
-    """The photos to show."""
-    return both(images, views)[1]
-
-
 @pytest.mark.parametrize("views", [2, 4])
 def test_photos_of_one_exposure_stay_as_they_are(views: int) -> None:
     scene = trace(views, HEIGHT, WIDTH)
@@ -45,7 +40,7 @@ def test_a_darker_photo_takes_the_first_ones_exposure(gain: tuple[float, float, 
     scene = trace(3, HEIGHT, WIDTH)
     altered = scene.images.copy()
     altered[1] *= np.float32(gain)
-    found = adjusted(altered, 3)
+    found = both(altered, 3)[1]
     before = np.abs(altered - scene.images).mean(axis=(1, 2, 3))
     after = (found - torch.from_numpy(scene.images)).abs().mean(dim=(1, 2, 3))
     assert float(after[0]) < 1e-6  # the first photo leads

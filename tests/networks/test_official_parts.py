@@ -18,8 +18,6 @@ from tinysplat.networks.views import all_others
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.sh import sh_basis
 
-CPU = torch.device("cpu")
-
 
 def cameras(views: int, spacing: float = 0.2) -> tuple[Tensor, Tensor]:
     """K_unit (V, 3, 3) and c2w (V, 4, 4), float64."""

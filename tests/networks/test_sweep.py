@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import torch
-from networks.two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
+from networks.two_planes import SQUARE_Z, WALL_Z, TracedScene, network_tensors, trace
 from torch import Tensor
 
 from tinysplat.networks.geometry import (
@@ -19,30 +19,18 @@ from tinysplat.networks.geometry import (
     tilt_quats,
     unproject,
 )
+from tinysplat.networks.pairs import ViewPairs
 from tinysplat.networks.surfels import CoarseSettings, surface_slopes
-from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep, SweepSettings
+from tinysplat.networks.sweep import OUTPUT_NAMES, AlignmentSettings, InverseDepths, Sweep, SweepSettings, align_photos
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
-
-
-def run_sweep(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> dict[str, Tensor]:
-    """Outputs by name; images (V, H, W, 3)."""
-    views = len(cameras)
-    with torch.no_grad():
-        outputs = Sweep()(
-            torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2), np.float32)),
-            torch.from_numpy(np.float32([camera.K_unit for camera in cameras])),
-            torch.from_numpy(np.float32([camera.c2w for camera in cameras])),
-            torch.full((views,), near),
-            torch.full((views,), far),
-        )
-    return dict(zip(OUTPUT_NAMES, outputs, strict=True))
 
 
 @lru_cache(maxsize=4)
 def run_traced(views: int, height: int, width: int, spacing: float = 0.2) -> tuple[TracedScene, dict[str, Tensor]]:
     """The scene of two planes, and what the network makes of it."""
     scene = trace(views, height, width, spacing)
-    return scene, run_sweep(scene.images, scene.cameras)
+    with torch.no_grad():
+        return scene, dict(zip(OUTPUT_NAMES, Sweep()(*network_tensors(scene)), strict=True))
 
 
 def own_depth(outputs: Mapping[str, Tensor], prefix: str, cameras) -> np.ndarray:
@@ -104,7 +92,7 @@ def test_backdrop_stands_behind_the_surface_of_its_own_cell():
     settings = SweepSettings().coarse
     behind = own_depth(outputs, "layer1_", scene.cameras)[:, settings.ring : -settings.ring]
     behind = behind[:, :, settings.ring : -settings.ring]
-    cells = outputs["depth"].numpy().reshape(2, 16, settings.cell, 24, settings.cell)
+    cells = outputs["depth"].numpy().reshape(2, 64 // settings.cell, settings.cell, -1, settings.cell)
     assert (behind > cells.max(axis=(2, 4))).all()
 
 
@@ -124,6 +112,19 @@ def test_warp_agrees_with_projecting_points_in_float64():
     np.testing.assert_allclose(ratio[0, 0], there[..., 2] / scene.depth[0], atol=1e-5)
     points = unproject(pixel_rays(K[:1], 20, 28), torch.from_numpy(np.float32(scene.depth[:1]))[:, None], c2w[:1])
     np.testing.assert_allclose(points[0].permute(1, 2, 0), world, atol=1e-5)
+
+
+@pytest.mark.parametrize("brighter", [0.0, 0.12, -0.12])
+def test_a_change_of_exposure_between_photos_does_not_move_depth(brighter):
+    scene = trace(2, 64, 96)
+    images, K, c2w, near, far = network_tensors(scene)
+    images = images + torch.tensor([0.0, brighter])[:, None, None, None]
+    depths, inverse = InverseDepths(1 / far, 1 / near - 1 / far, 26), 1 / torch.from_numpy(np.float32(scene.depth))
+    truth = ((inverse - depths.offset[0]) / depths.span[0])[:, None]
+    start = truth + 0.4 / (depths.count - 1)
+    settings = AlignmentSettings(steps=3, outlier=1.0, any_exposure=True)
+    found = align_photos(start, images, K, ViewPairs.nearest(c2w), depths, settings)
+    assert float((found - truth).abs().median()) < 0.3 * float((start - truth).abs().median())
 
 
 @pytest.mark.parametrize(("slope_x", "slope_y"), [(0.0, 0.0), (0.8, -0.3), (-1.5, 1.2)])

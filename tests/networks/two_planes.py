@@ -9,6 +9,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from scenes import make_cameras, scene_document
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 WALL_Z, SQUARE_Z, SQUARE_HALF = 6.0, 3.0, 0.55
 NEAR, FAR = 2.0, 12.0
@@ -61,6 +65,13 @@ def network_inputs(
     }
 
 
+def network_tensors(scene: TracedScene, near: float = NEAR, far: float = FAR) -> tuple[Tensor, ...]:
+    """The same of a scene, for a network in torch."""
+    import torch
+
+    return tuple(map(torch.from_numpy, network_inputs(scene.images, scene.cameras, near, far).values()))
+
+
 def _shoot(camera: Camera, dx: float, dy: float) -> tuple[NDArray, NDArray]:
     """Colours (H, W, 3) and camera z (H, W) of the rays through the offset (dx, dy) in every pixel."""
     row, column = np.mgrid[: camera.height, : camera.width]
@@ -83,12 +94,11 @@ def _texture(points: NDArray, frequency: float, phase: float) -> NDArray:
     return 0.5 + 0.4 / 3 * np.stack(waves, axis=-1)
 
 
-def write_traced(folder: Path, traced: TracedScene) -> Path:
-    """Write a scene folder of the traced photos, whose cameras state no depths; returns the folder."""
+def write_traced(folder: Path, traced: TracedScene, depths: tuple[float, ...] = ()) -> Path:
+    """Write a scene folder of the traced photos, whose cameras state these depths or none; returns the folder."""
     (folder / "images").mkdir()
     for i, image in enumerate(traced.images):
         write_png(folder / "images" / f"{i:04}.png", image)
-    document = scene_document(traced.cameras)
-    del document["near"], document["far"]
+    document = {"frames": scene_document(traced.cameras)["frames"], **dict(zip(("near", "far"), depths, strict=False))}
     (folder / "cameras.json").write_text(json.dumps(document))
     return folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from networks.two_planes import FAR, NEAR, network_inputs, trace
+from networks.two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, network_inputs, trace
 
 from tinysplat.networks.edge import MAX_VIEWS, MIN_SIDE, MIN_VIEWS, OPACITY_CAP, OUTPUT_NAMES, STRIDE
 from tinysplat.training.state import shipped_network
@@ -31,8 +31,10 @@ def run(images: np.ndarray, cameras, near: float = NEAR, far: float = FAR) -> di
     return outputs
 
 
-def depth_error(outputs: dict[str, np.ndarray], depth: np.ndarray) -> float:
-    return float(np.median(np.abs(outputs["depth"] / depth - 1)))
+def assert_planes_told_apart(outputs: dict[str, np.ndarray], scene: TracedScene) -> None:
+    between = (SQUARE_Z + WALL_Z) / 2
+    for plane in (scene.depth < between, scene.depth > between):
+        assert np.mean((outputs["depth"] < between) == (scene.depth < between), where=plane) > 0.5
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -53,20 +55,19 @@ def test_onnx_matches_the_torch_twin_in_float64(size: tuple[int, int, int]) -> N
 @pytest.mark.parametrize(("near", "far"), [(0.5, 1.0), (1.0, 2.0), (0.5, 2.0)])
 def test_a_depth_range_that_is_too_wide_is_forgiven(near: float, far: float) -> None:
     scene = trace(2, 96, 128)
-    outputs = run(scene.images, scene.cameras, near * NEAR, far * FAR)
-    assert depth_error(outputs, scene.depth) < 0.05
+    assert_planes_told_apart(run(scene.images, scene.cameras, near * NEAR, far * FAR), scene)
 
 
-def test_grey_pictures_lose_little() -> None:
+def test_grey_pictures_are_enough() -> None:
     scene = trace(2, 96, 128)
     grey = np.repeat(scene.images.mean(axis=-1, keepdims=True), 3, axis=-1)
-    assert depth_error(run(grey, scene.cameras), scene.depth) < 0.05
+    assert_planes_told_apart(run(grey, scene.cameras), scene)
 
 
 def test_a_difference_of_exposure_is_survived() -> None:
     scene = trace(2, 96, 128)
-    images = scene.images * np.float32([0.85, 1.0])[:, None, None, None]
-    assert depth_error(run(images, scene.cameras), scene.depth) < 0.05
+    images = scene.images * np.float32([0.7, 1.0])[:, None, None, None]
+    assert_planes_told_apart(run(images, scene.cameras), scene)
 
 
 def test_metadata_states_the_limits_of_the_module() -> None:

@@ -90,7 +90,6 @@ def test_stages_state_what_photos_are_padded_to_and_where_they_come_from() -> No
     for stage, graph in STORE.stages("edge").items():
         assert all(graph.metadata[name] == network[name] for name in ("stride", "min_side", "licence"))
         assert load_manifest()[f"edge_{stage}"].role == graph.metadata["role"] == "stage"
-        assert f"stage_{stage}" in CONTRACTS
 
 
 def test_what_a_network_takes_at_once_or_has_no_stages_does_not_go_one_by_one() -> None:

@@ -14,8 +14,8 @@ from scenes import make_free_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.codec.encoder import EncodeStats
 from tinysplat_runtime.codec.free.evenness import is_uneven, sizes_about
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.paths import looking_along
 from tinysplat_runtime.scene.cameras import Camera

@@ -16,7 +16,7 @@ from scenes import make_free_gaussians, make_gaussians, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.prune.amount import Amount

@@ -101,18 +101,20 @@ def test_python_refuses_what_memory_does_not_suffice_for(many: Path, free_memory
 
 def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) -> None:
     scene = ts.load_scene(write_scene(tmp_path / "noise", views=2, height=32, width=48))
-    told: list[str] = []
+    told: list[object] = []
     listener = Listener(
-        doubt=lambda scene, text: told.append(text[:5]),
-        working=lambda label: told.append(label) or warnings.catch_warnings(),  # any context
-        predicted=lambda gaussians: told.append(str(gaussians.opacities.shape)),
-        refined=lambda stats: told.append(f"refined in {stats.steps}"),
+        doubt=lambda scene, text: told.append("doubt"),
+        working=lambda label: told.append("working") or warnings.catch_warnings(),  # any context
+        predicted=lambda gaussians: told.append(gaussians.opacities.shape),
+        refined=lambda stats: told.append(stats.steps),
     )
     coded = encode(EncodeRequest(scene, model="sweep"), RUNTIME, listener, keep=True)
-    assert told[-3:] == ["network", "(2, 32, 48)", "coding"] and len(told) == 3 + len(coded.doubts) > 3
-    assert coded.refinement is None
+    work = told.index("working")
+    assert told[:work] == ["doubt"] * len(coded.doubts) and work > 0
+    assert (2, 32, 48) in told[work:-1] and told[-1] == "working" and coded.refinement is None
+    told.clear()
     coded = encode(EncodeRequest.of(scene, model="sweep", refine=1), RUNTIME, listener, keep=True)
-    assert told[-3:] == ["(2, 32, 48)", "refined in 1", "coding"]
+    assert told.index((2, 32, 48)) < told.index(1)
     assert coded.refinement and coded.refinement.steps == 1 and coded.stats.watch.seconds["refine"] > 0
     assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
@@ -129,26 +131,26 @@ def test_gaussians_alone_have_no_photos_to_carry() -> None:
 def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> None:
     scene = ts.load_scene(many)
     for call, named in (
-        (lambda: ts.predict("desk"), "scene: a str, expected a Scene"),
-        (lambda: ts.encode(3), "scene: 3, expected a Scene, a path or a list of them"),
-        (lambda: ts.encode(b"desk"), "scene: a bytes, expected a Scene, a path"),
-        (lambda: ts.encode([scene]), "expected a Scene, a path or a list of them"),
-        (lambda: ts.compress("desk"), "gaussians: a str, expected Gaussians"),
-        (lambda: ts.decompress("f.tsplat"), "data: a str, expected bytes"),
-        (lambda: ts.decompress(7), "data: .*int, expected bytes"),
-        (lambda: ts.load_scene(b"desk"), "scene: a bytes, expected a path"),
-        (lambda: ts.load_gaussians(3), "path: .*int, expected a path"),
-        (lambda: ts.save_gaussians(3, make_smooth_gaussians(1, 8, 8, 0)), "path: .*int, expected a path"),
-        (lambda: ts.convert(3, "o.ply"), "source: .*int, expected a path"),
-        (lambda: ts.convert("f.ply", 4), "target: .*int, expected a path"),
-        (lambda: ts.Runtime(threads="two"), "threads: two, expected a whole number"),
-        (lambda: ts.load_scene(None), "scene: a NoneType, expected a path"),
-        (lambda: scene.views(3), "views: .*int, expected a list of whole numbers"),
-        (lambda: scene.views("03"), "views: a str, expected a list of whole numbers"),
-        (lambda: scene.views([0.5, 1]), "views: 0.5, expected a whole number"),
+        (lambda: ts.predict("desk"), "scene: Scene"),
+        (lambda: ts.encode(3), "scene: 3 Scene"),
+        (lambda: ts.encode(b"desk"), "scene: Scene"),
+        (lambda: ts.encode([scene]), "scene: Scene"),
+        (lambda: ts.compress("desk"), "gaussians: Gaussians"),
+        (lambda: ts.decompress("f.tsplat"), "data: .*str"),
+        (lambda: ts.decompress(7), "data: .*int"),
+        (lambda: ts.load_scene(b"desk"), "scene: .*bytes"),
+        (lambda: ts.load_gaussians(3), "path: .*int"),
+        (lambda: ts.save_gaussians(3, make_smooth_gaussians(1, 8, 8, 0)), "path: .*int"),
+        (lambda: ts.convert(3, "o.ply"), "source: .*int"),
+        (lambda: ts.convert("f.ply", 4), "target: .*int"),
+        (lambda: ts.Runtime(threads="two"), "threads: .*two"),
+        (lambda: ts.load_scene(None), "scene: NoneType"),
+        (lambda: scene.views(3), "views: .*int"),
+        (lambda: scene.views("03"), "views: .*str"),
+        (lambda: scene.views([0.5, 1]), "views: 0.5"),
     ):
         with refusing(ts.InputError, named):
             call()
-    assert len(scene.views(np.array([0, 2])).frames) == 2 and ts.inspect is not None
+    assert len(scene.views(np.array([0, 2])).frames) == 2
     shown = repr(scene)
-    assert "\n" not in shown and len(shown) < 200 and f"{VIEWS} views of {WIDTH}x{HEIGHT}" in shown
+    assert "\n" not in shown and len(shown) < 200 and tells(shown, f"{VIEWS} {WIDTH}x{HEIGHT}")

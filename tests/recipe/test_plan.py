@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,8 +16,6 @@ from tinysplat_runtime.recipe.plan import Plan, planned
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
-STEPS = ["checking", "network", "refining", "coding", "comparing"]
-
 
 def photos(count: int, height: int, width: int) -> Scene:
     """Photos that are never opened."""
@@ -28,13 +27,12 @@ def plan(scene: Scene, *, is_refined: bool = True, is_usual: bool = True, cores:
     return planned(scene, is_refined=is_refined, is_usual=is_usual, cores=cores)
 
 
-def test_a_plan_names_every_step_in_the_order_of_work() -> None:
+def test_a_plan_names_what_takes_long_and_says_the_size_where_it_is_known() -> None:
     scene = photos(24, 256, 256)
     whole = plan(scene)
-    assert list(whole.seconds) == STEPS and min(whole.seconds.values()) > 0
     assert whole.total == pytest.approx(sum(whole.seconds.values()))
-    assert all(name in str(whole) for name in STEPS if whole.seconds[name] >= 1)
-    assert plan(scene, is_refined=False).seconds["refining"] == 0
+    assert whole.total > plan(scene, is_refined=False).total
+    assert all(name in str(whole) for name, seconds in whole.seconds.items() if seconds > whole.total / 5)
     assert "KB" in str(whole) and "KB" not in str(plan(scene, is_usual=False))
 
 
@@ -48,13 +46,14 @@ def test_more_photos_larger_ones_and_fewer_cores_take_longer() -> None:
 
 
 def test_the_network_is_given_large_photos_in_small() -> None:
-    small, large = (plan(photos(24, side, side)).seconds for side in (640, 2000))
-    assert large["network"] / small["network"] < large["coding"] / small["coding"]
+    """So pixels beyond 640·480 take less."""
+    small, middle, large = (plan(photos(24, side, side)).total for side in (400, 550, 1000))
+    assert (large - middle) / (1000**2 - 550**2) < 0.9 * (middle - small) / (550**2 - 400**2)
 
 
 def test_reading_files_larger_than_what_the_network_gets_is_in_the_plan() -> None:
     small, scaled = photos(24, 256, 256), photos(24, 3000, 3000).resized(256, 256)
-    assert plan(scaled).seconds["checking"] > plan(small).seconds["checking"]
+    assert plan(scaled).total > plan(small).total
 
 
 def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
@@ -71,5 +70,5 @@ def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
     scene = ts.load_scene(write_traced(tmp_path, trace(7, 32, 32, spacing=0.25, subpixels=1)))
     listener = Listener(notice=said.append, doubt=lambda *_: None, counting=counting)
     encode(EncodeRequest.of(scene, model="sweep", mode="photos"), Runtime(threads=1), listener)
-    assert seen["reading"] == seen["checking"] == 7 and seen["depths"] >= 7
-    assert sum("checking" in line or "about 1 s" in line for line in said) == 1
+    assert len(seen) > 1 and min(seen.values()) >= 7
+    assert any(re.search(r"\d s\b", line) for line in said)

@@ -75,7 +75,7 @@ def test_frames_that_lie_between_others_are_left_out(capture: Path) -> None:
             c2w[0, 3] += 0.05 * step
             frames.append(replace(frame, camera=Camera(frame.camera.K, c2w, WIDTH, HEIGHT)))
     found, said = chosen(replace(scene, frames=tuple(frames)))
-    assert VIEWS <= len(found) < 50 and tells(said[-1], f"{len(found)} 50 --views")
+    assert VIEWS <= len(found) < 50 and any(tells(line, f"{len(found)} 50 --views") for line in said)
 
 
 def moved(scene: ts.Scene, views: range, offset: float) -> ts.Scene:
@@ -124,7 +124,7 @@ def test_photos_taken_twice_are_left_out_and_named(capture: Path, count: int, de
         twice[i] = replace(twice[i], path=twice[i].path.with_name("again.png"))
     for views in (None, "all"):
         found, said = chosen(replace(scene, frames=tuple(twice)), views=views)
-        assert found == names(*range(count)) and sum("again.png" in line for line in said) == 1
+        assert found == names(*range(count)) and any("again.png" in line for line in said)
 
 
 @pytest.mark.parametrize("count", [2, 4, VIEWS])
@@ -138,7 +138,7 @@ def test_depths_are_found_about_what_photos_show(tmp_path: Path, count: int) -> 
 
 def test_depths_that_are_stated_far_too_wide_are_said(capture: Path) -> None:
     found, said = chosen(ts.load_scene(capture, near=0.01, far=100.0))
-    assert found == names(*range(VIEWS)) and any("1:10000" in line for line in said)
+    assert found == names(*range(VIEWS)) and any(tells(line, "0.01 100") for line in said)
 
 
 # ---- what is said ------------------------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ def photos_of(count: int, height: int, width: int, **depths: float) -> Scene:
 
 
 @pytest.mark.parametrize("taken", [2, 6])
-def test_nothing_is_said_of_two_to_six_photos_as_they_are(monkeypatch, taken: int) -> None:
+def test_nothing_is_said_of_two_to_six_photos_as_they_are(taken: int) -> None:
     lines: list[str] = []
     scene = photos_of(taken, 480, 640, near=1.0, far=2.0)
     assert prepared(EncodeRequest.of(scene), lines.append).frames == scene.frames and lines == []
@@ -171,7 +171,7 @@ def test_large_photos_are_scaled_to_the_size_that_is_said_unless_asked_otherwise
         return
     assert found.height * found.width <= prepare.LARGE_PIXELS
     assert found.height / found.width == pytest.approx(16 / 9, rel=0.01)
-    assert tells(lines[0], f"1080x1920 {found.width}x{found.height} --size") and len(lines) == 1
+    assert any(tells(line, f"1080x1920 {found.width}x{found.height} --size") for line in lines)
 
 
 def test_one_photo_is_too_few(capture: Path) -> None:
@@ -189,21 +189,17 @@ def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -
 @pytest.mark.parametrize(
     ("scene", "options", "said"),
     [
-        (["a", "b"], {}, "encode: 2 paths with neither --focal nor --baseline, expected one scene, or two photos"),
-        (["a", "b"], {"focal": 5.0}, "encode: 2 paths with --focal, expected"),
-        (["a", "b"], {"baseline": 5.0}, "encode: 2 paths with --baseline, expected"),
-        (
-            ["a"],
-            {"focal": 5.0, "baseline": 1.0},
-            "focal: one path, expected the left and the right photo of a stereo pair",
-        ),
-        (["a", "b", "c"], {"focal": 5.0, "baseline": 1.0}, "encode: 3 paths with --focal and --baseline, expected"),
-        ([], {}, "encode: 0 paths with neither"),
-        (["a", "b"], {"poses": "p"}, "poses: with 2 paths, expected one video"),
-        ({"a": 1}, {}, "scene: {'a': 1}, expected a Scene, a path or a list of them"),
-        (photos_of(2, 8, 8), {"baseline": 1.0}, "baseline: with a Scene, which has its cameras; expected none"),
-        (photos_of(2, 8, 8), {"focal": 1.0, "poses": "p"}, "focal: with a Scene"),
-        (photos_of(2, 8, 8), {"poses": "p"}, "poses: with a Scene"),
+        (["a", "b"], {}, "encode: 2 --focal --baseline"),
+        (["a", "b"], {"focal": 5.0}, "encode: 2 --focal"),
+        (["a", "b"], {"baseline": 5.0}, "encode: 2 --baseline"),
+        (["a"], {"focal": 5.0, "baseline": 1.0}, "focal: "),
+        (["a", "b", "c"], {"focal": 5.0, "baseline": 1.0}, "encode: 3 --focal --baseline"),
+        ([], {}, "encode: 0"),
+        (["a", "b"], {"poses": "p"}, "poses: 2"),
+        ({"a": 1}, {}, "scene: {'a': 1} Scene"),
+        (photos_of(2, 8, 8), {"baseline": 1.0}, "baseline: Scene"),
+        (photos_of(2, 8, 8), {"focal": 1.0, "poses": "p"}, "focal: Scene"),
+        (photos_of(2, 8, 8), {"poses": "p"}, "poses: Scene"),
     ],
 )
 def test_paths_and_options_that_do_not_go_together_are_told(scene, options, said: str) -> None:
@@ -239,10 +235,11 @@ def test_what_a_crop_cuts_off_is_said_with_sizes_that_keep_it(photo: tuple[int, 
     if not lost:
         assert not lines
         return
-    (line,) = lines
-    assert f"{lost:.0%}" in line and f"{photo[1]}x{photo[0]}" in line
-    for width, height in re.findall(r"(\d+)x(\d+)", line)[2:]:
-        assert int(width) / int(height) == pytest.approx(photo[1] / photo[0], rel=0.02)
-        again = EncodeRequest.of(photos_of(2, *photo, near=1.0, far=2.0), size=f"{width}x{height}")
-        prepared(again, lines.append)
-    assert len(lines) == 1
+    line, own = " ".join(lines), f"{photo[1]}x{photo[0]}"
+    assert any(abs(float(part) - 100 * lost) <= 1 for part in re.findall(r"([\d.]+) ?%", line))
+    lines.clear()
+    for whole in {*re.findall(r"\d+x\d+", line)} - {size, own}:
+        width, height = map(int, whole.split("x"))
+        assert width / height == pytest.approx(photo[1] / photo[0], rel=0.02)
+        prepared(EncodeRequest.of(photos_of(2, *photo, near=1.0, far=2.0), size=whole), lines.append)
+    assert own in line and not lines

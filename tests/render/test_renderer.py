@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import make_cameras, make_gaussians
+from scenes import make_cameras, make_gaussians, tells
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render import DEFINITION, Renderer, render
@@ -35,15 +35,23 @@ def test_ways_to_draw_are_chosen_by_name() -> None:
         assert caught.value.where == name
 
 
-def test_compiled_code_draws_where_numba_is_and_is_missed_where_it_was_asked_for(monkeypatch) -> None:
+_WITHOUT_NUMBA = """
+import sys
+sys.modules["numba"] = None
+from render.test_renderer import SCENE, Renderer
+assert not Renderer(SCENE, 1).is_compiled
+Renderer(SCENE, 1, compiled=True)
+"""
+
+
+def test_compiled_code_draws_where_numba_is_and_is_missed_where_it_was_asked_for() -> None:
     pytest.importorskip("numba")
     assert Renderer(SCENE, 1).is_compiled and Renderer(SCENE, 1, compiled=True).is_compiled
     assert not Renderer(SCENE, 1, compiled=False).is_compiled
-    monkeypatch.setitem(sys.modules, "tinysplat_runtime.render.compiled", None)
-    monkeypatch.delattr(sys.modules["tinysplat_runtime.render"], "compiled")
-    assert not Renderer(SCENE, 1).is_compiled
-    with pytest.raises(InputError, match=r"tinysplat\[fast\]"):
-        Renderer(SCENE, 1, compiled=True)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", _WITHOUT_NUMBA]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert tells(done.stderr.splitlines()[-1], "InputError tinysplat[fast]")
 
 
 def test_compiled_code_needs_no_folder_to_be_stored_in() -> None:

@@ -131,7 +131,7 @@ def test_the_command_encodes_a_video_with_poses(clip: Path, tmp_path: Path, caps
 
 def test_poses_that_the_video_has_no_frames_for_are_named(clip: Path, tmp_path: Path) -> None:
     late = write_poses(tmp_path / "late.txt", {0: 0, 1: 9_000_000})
-    with refusing(InputError, f"{late} line 3 of {clip} has 9 to 1.56"):
+    with refusing(InputError, f"{late} 3 {clip} 9"):
         video_scene(clip, late)
     folder = tmp_path
     for names, changes, first, words in (
@@ -183,9 +183,10 @@ def test_chosen_frames_come_in_one_pass_and_all_of_them_as_small_grey_ones(clip:
     assert [index for index, _ in found] == [2, 7, 30]
     assert [number_of(image / 255) for _, image in found] == [2, 7, 30]
     assert all(image.shape == (HEIGHT, WIDTH, 3) and image.dtype == np.uint8 for _, image in found)
-    for width, shape in ((24, (16, 24)), (48, (32, 48)), (100, (32, 48)), (1, (1, 1)), (5, (3, 5))):
+    for width in (24, 48, 100, 1, 5):
         small = list(video.thumbnails(width))
         assert [index for index, _ in small] == list(range(COUNT))
-        assert all(luma.shape == shape and luma.dtype == np.uint8 for _, luma in small)
+        ((height, found_width),) = {luma.shape for _, luma in small}
+        assert found_width == min(width, WIDTH) and abs(height - found_width * HEIGHT / WIDTH) < 1
         means = np.array([luma.mean() for _, luma in small])
         assert (np.diff(means) > 0).all()

@@ -29,12 +29,6 @@ def scattered(count: int, seed: int = 0) -> list[Camera]:
     return [camera_at(*rng.uniform(-2, 2, 2), turn=rng.uniform(-0.4, 0.4)) for _ in range(count)]
 
 
-def test_distance_counts_places_and_directions_alike() -> None:
-    places = view_places([camera_at(0), camera_at(0.3), camera_at(0, turn=0.1)], NEAR, FAR)
-    assert np.linalg.norm(places[0] - places[1]) == pytest.approx(0.3 / DEPTH)
-    assert np.linalg.norm(places[0] - places[2]) == pytest.approx(2 * np.sin(0.05))
-
-
 def test_partners_are_the_nearest_by_brute_force() -> None:
     cameras = scattered(40)
     places = view_places(cameras, NEAR, FAR)
@@ -50,7 +44,6 @@ def test_every_photo_is_kept_once_in_a_group_that_suits_it(count: int, size: int
     neighbours = found(scattered(count))
     groups = grouped(neighbours, size)
     assert sorted(v for group in groups for v in group.kept) == list(range(count))
-    assert groups == sorted(groups, key=lambda group: group.kept)
     for group in groups:
         assert 2 <= len(group.views) <= size and set(group.kept) <= set(group.views)
         for v in group.kept:

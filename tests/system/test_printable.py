@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tinysplat_runtime.system.printable import printable, type_of, unprinted
+from tinysplat_runtime.system.printable import printable, unprinted
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "FORMAT.md"
 
@@ -28,7 +28,3 @@ def test_what_does_not_print_is_what_the_format_lists() -> None:
 )
 def test_text_of_strangers_is_one_line_that_steers_nothing(text: str, line: str) -> None:
     assert printable(text) == line
-
-
-def test_types_have_their_article() -> None:
-    assert [type_of(one) for one in (1, "", [], {}, ())] == ["an int", "a str", "a list", "a dict", "a tuple"]

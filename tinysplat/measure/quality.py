@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.encoder import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors

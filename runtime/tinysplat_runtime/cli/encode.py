@@ -7,7 +7,9 @@ from argparse import Namespace
 from typing import Any
 
 from ..api import Runtime
-from ..codec.encoder import EncodeStats
+from ..codec.job import EncodeStats
+from ..codec.modes import DEFAULT_MODE
+from ..container.points import Points
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians, save_gaussians
 from ..formats.viewpoints import seen_from
@@ -72,7 +74,7 @@ def _listener(*, quiet: bool, save_to: str | None) -> Listener:
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
     coding = coding_of(args)
-    if coding.mode != "gaussians":
+    if coding.mode != DEFAULT_MODE:
         raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
     if bool(args.refine) != bool(args.photos):
         one, missing = ("--refine", "--photos SCENE") if args.refine else ("--photos", "--refine STEPS")
@@ -124,7 +126,7 @@ def _write(say: Voice, coded: Encoded, report: str | None, runtime: Runtime, *, 
     say(f"{output}: {len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s")
     if stats.reason:
         say(f"mode {stats.mode}: {stats.reason}")
-    elif stats.mode == "free":
+    elif stats.mode == Points.mode:
         if stats.left_out:
             say(f"pruned {stats.left_out:,} Gaussians: {stats.left_out_psnr:.1f} dB between pictures with and without")
         say("coded as a list; if these are pixels of known views, --grid V,H,W and --cameras make the file smaller")

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..api import compress, decompress
 from ..api import open as open_file
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
+from ..container.photos import Photos
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
@@ -179,7 +180,7 @@ def _file(file: str) -> tuple[bytes, Sequence[Camera]]:
             return compress(gaussians, qp=FINE_QP), gaussians.cameras
         data = read_limited(file, MAX_FILE_BYTES)
         container = read_container(data)
-        return (compress(decompress(data)) if container.mode == "photos" else data), container.cameras
+        return (compress(decompress(data)) if isinstance(container.body, Photos) else data), container.cameras
     except TinySplatError as error:
         raise error.within(file) from None
 

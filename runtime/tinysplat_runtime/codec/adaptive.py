@@ -18,12 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.planes import MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
+from ..gaussian.planes import CODING_ORDER, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
 from ..system import scratch
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, blocks, coefficient_moment, color_planes, relative_rotation_planes
-from .basis import needed_degree, reduce_basis, second_moment_weighting, view_directions, weighted_spectrum
+from .basis import (
+    leading_signs,
+    needed_degree,
+    reduce_basis,
+    second_moment_weighting,
+    view_directions,
+    weighted_spectrum,
+)
 from .depth_step.allocation import Steps, measured_depth_step, measured_opacity_step
 from .depth_step.contrast import block_offsets, contrast
 from .depth_step.probe import Probe
@@ -48,23 +55,32 @@ _LEAST_WIDTH, _LARGEST_WIDTH = 0.2, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveLayer:
-    """A layer's planes and maps, before they have steps.
+class LayerGeometry:
+    """What a layer's planes but colour are, whatever the Q_g.
+
+    Attributes:
+        planes: (V, C, H, W) float32 by class: −1/z, opacities, principal scales, vector parts of relative rotations,
+            pixel offsets.
+        reference_quats, scale_mix: see `LayerPlan`.
+    """
+
+    planes: Mapping[PlaneClass, NDArray]
+    reference_quats: NDArray
+    scale_mix: tuple[NDArray, NDArray]
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveLayer(LayerGeometry):
+    """A layer's planes, colour components among them, and maps, before they have steps.
 
     Attributes:
         layer: the Gaussians, of the degree and with the colours that are stored.
-        planes: (V, C, H, W) float32 by class: −1/z, colour components, opacities, principal scales,
-            vector parts of relative rotations, pixel offsets.
-        reference_quats, scale_mix: see `LayerPlan`.
         reduction: VABR's maps, of at least as many components as will be coded.
         energies: (d,) weighted energy of every component, falling.
         shown: (V, H, W) how much an error of depth shows; see `contrast`.
     """
 
     layer: Gaussians
-    planes: Mapping[PlaneClass, NDArray]
-    reference_quats: NDArray
-    scale_mix: tuple[NDArray, NDArray]
     reduction: Reduction
     energies: NDArray
     shown: NDArray
@@ -77,16 +93,9 @@ class AdaptiveLayer:
 
 def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
     """Step of a class at Q_g = 0 where nothing is measured, in the units of its planes."""
-    return settings.gain / math.sqrt(settings.sensitivity[plane_class])
-
-
-@dataclass(frozen=True, eq=False)
-class LayerGeometry:
-    """What a layer's planes but colour are, whatever the Q_g; see `AdaptiveLayer`."""
-
-    planes: Mapping[PlaneClass, NDArray]
-    reference_quats: NDArray
-    scale_mix: tuple[NDArray, NDArray]
+    sensitivity = plane_class.facts.sensitivity
+    assert sensitivity is not None, "depth's step is measured"
+    return settings.gain / math.sqrt(sensitivity)
 
 
 def take_geometry(projected: ProjectedLayer) -> LayerGeometry:
@@ -126,8 +135,8 @@ def prepare_layer(
     spectrum = weighted_spectrum(moment[: 3 * functions, : 3 * functions], weighting)
     reduction = reduce_basis(spectrum, weighting, kept_components(spectrum[0], finest, settings))
     planes = {**geometry.planes, PlaneClass.COLOR: color_planes(store, layer, reduction.projection)}
-    quats, mix, shown = geometry.reference_quats, geometry.scale_mix, contrast(layer)
-    return AdaptiveLayer(layer, planes, quats, mix, reduction, spectrum[0], shown)
+    maps = geometry.reference_quats, geometry.scale_mix
+    return AdaptiveLayer(planes, *maps, layer, reduction, spectrum[0], contrast(layer))
 
 
 def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, threads: int) -> list[Steps]:
@@ -143,12 +152,11 @@ def scene_steps(layers: Sequence[AdaptiveLayer], settings: AdaptiveSettings, thr
     inverse = [layer.planes[PlaneClass.DEPTH][:, 0] for layer in layers]
     depth = settings.depth_step * -mean_of(inverse[0])
     opacity = class_step(settings, PlaneClass.OPACITY)
-    if settings.stripes > 0:
-        shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
-        probe = Probe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
-        depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
-        opacities = [layer.planes[PlaneClass.OPACITY][:, 0] for layer in layers]
-        opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
+    shown, offsets = [layer.shown for layer in layers], [layer.depth_offsets for layer in layers]
+    probe = Probe([layer.layer for layer in layers], inverse, shown, settings.stripes, threads)
+    depth = measured_depth_step(probe, inverse, offsets, depth, settings.depth_damage, settings.rounds)
+    opacities = [layer.planes[PlaneClass.OPACITY][:, 0] for layer in layers]
+    opacity = measured_opacity_step(probe, opacities, opacity, settings.opacity_damage)
     return [
         {
             **known_steps(layer.scale_mix, index, settings),
@@ -178,7 +186,7 @@ def known_steps(scale_mix: tuple[NDArray, NDArray], index: int, settings: Adapti
     hidden = {PlaneClass.SCALE: 1 / width, PlaneClass.ROTATION: 1 / width**2}
     return {
         c: class_step(settings, c) * hidden.get(c, 1.0) * _factor(index, settings)
-        for c in settings.sensitivity
+        for c in CODING_ORDER
         if c not in MEASURED
     }
 
@@ -226,7 +234,7 @@ def adaptive_plan(
         scale_mix=layer.scale_mix,
         reduction=_truncated(layer, components),
     )
-    return with_enough_depth_pictures(plan)
+    return with_depth_pictures(plan, 2 if _fineness(depth) < _WORTH_TWO_PICTURES else 1)
 
 
 def _fineness(depth: Channel) -> float:
@@ -244,11 +252,6 @@ def _depth_channel(plan: LayerPlan) -> Channel:
 def depth_fineness(plan: LayerPlan) -> float | None:
     """The step wanted of depth in the finest that codes of 12 bits have; None of plans that have but one picture."""
     return _fineness(_depth_channel(plan)) if plan.inverse_depth else None
-
-
-def with_enough_depth_pictures(plan: LayerPlan) -> LayerPlan:
-    """The plan with depth in two pictures where one of 12 bits is far too coarse for its step, else in one."""
-    return with_depth_pictures(plan, 2 if _fineness(_depth_channel(plan)) < _WORTH_TWO_PICTURES else 1)
 
 
 def with_depth_pictures(plan: LayerPlan, count: int) -> LayerPlan:
@@ -286,9 +289,7 @@ def _turn_to_principal(scales: NDArray) -> tuple[NDArray, NDArray]:
         centred = (scales[view, :, block] - mean[:, None, None]).reshape(3, -1).astype(np.float64)
         moment += product(centred, centred.T)
     _, vectors = symmetric_eigen(moment)
-    vectors = vectors[:, ::-1]
-    leading = np.abs(vectors).argmax(axis=0)
-    vectors = (vectors * np.sign(vectors[leading, range(3)])).astype(np.float32)
+    vectors = (vectors * leading_signs(vectors))[:, ::-1].astype(np.float32)
     for view, block in blocks(scales.shape, scales):
         centred = scales[view, :, block] - mean[:, None, None]
         scales[view, :, block] = product(vectors.T, centred.reshape(3, -1)).reshape(centred.shape)

@@ -16,6 +16,7 @@ from ..graphs.inference import GraphStore, as_input
 from ..scene.cameras import Camera
 from ..system import scratch
 from ..system.blas import product, symmetric_eigen
+from .basis import leading_signs
 
 BLOCK_PIXELS = 1 << 16
 """About as many pixels are projected at a time."""
@@ -199,5 +200,4 @@ def _rotation_moment(geometry: NDArray) -> NDArray:
 
 def _dominant_quats(moments: NDArray) -> NDArray:
     dominant = np.stack([symmetric_eigen(moment)[1][:, -1] for moment in moments.astype(np.float64)])
-    leading = np.take_along_axis(dominant, np.abs(dominant).argmax(axis=-1, keepdims=True), axis=-1)
-    return dominant * np.sign(leading)
+    return dominant * leading_signs(dominant.T)[:, None]

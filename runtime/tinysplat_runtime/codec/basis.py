@@ -98,7 +98,7 @@ def weighted_spectrum(moment: NDArray, weighting: NDArray) -> tuple[NDArray, NDA
     weighted = product(product(delta, np.asarray(moment, np.float64)), delta.T)
     values, vectors = symmetric_eigen((weighted + weighted.T) / 2)
     values, vectors = values[::-1], vectors[:, ::-1]
-    return np.where(values > _LEAST_ENERGY * values[0], values, 0), vectors * _signs(vectors)
+    return np.where(values > _LEAST_ENERGY * values[0], values, 0), vectors * leading_signs(vectors, ties=1e-6)
 
 
 def reduce_basis(spectrum: tuple[NDArray, NDArray], weighting: NDArray, k: int) -> Reduction:
@@ -145,9 +145,11 @@ def _all_colors(weighting: NDArray) -> NDArray:
     return np.kron(weighting, np.eye(3))
 
 
-def _signs(vectors: NDArray) -> NDArray:
-    """±1 per column that makes its entry of largest magnitude positive; near-ties go to the first."""
+def leading_signs(vectors: NDArray, ties: float = 0.0) -> NDArray:
+    """±1 per column of (d, k) that makes its entry of largest magnitude positive; `ties` is by what share others may
+    be smaller and still count as the largest, of which the first leads.
+    """
     magnitudes = np.abs(vectors)
-    leading = np.argmax(magnitudes >= magnitudes.max(axis=0) * (1 - 1e-6), axis=0)
+    leading = np.argmax(magnitudes >= magnitudes.max(axis=0) * (1 - ties), axis=0)
     signs = np.sign(vectors[leading, np.arange(vectors.shape[1])])
     return np.where(signs == 0, 1.0, signs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import TypeAlias
 
@@ -19,71 +19,30 @@ from ..container.writer import write_container
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
-from ..graphs.inference import GraphStore
 from ..system import scratch
-from ..system.stopwatch import Stopwatch
 from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, encode_plane
-from .planning import ProjectedScene, planner_of
+from .job import EncodeStats, Job, PlaneCoder, check_qp
+from .planning import planner_of
 from .profiles import EncoderSettings, Profile
 from .quantise import CodeMap, choose_code_map, extent, mean_and_spread, without_outliers
 
 _UNLIMITED = Limits(max_pixels=1 << 62, max_memory_bytes=1 << 62, max_layers=1 << 16)
 
-PlaneCoder: TypeAlias = Callable[[NDArray, int, EncoderSettings, NDArray | None], CodedPlane]
-"""Codes one plane; arguments and result of `hevc.encode_plane`."""
-
-MAX_GLOBAL_QP = 60
-"""Largest magnitude of Q_g: steps of a thousandth, and of a thousand times, the profile's own."""
-
-
-@dataclass
-class EncodeStats:
-    """What coding did.
-
-    Attributes:
-        clipped: samples outside the representable range, by class label.
-        watch: seconds per stage.
-        mode: what the file carries; see `modes`.
-        reason: why mode `auto` came to it; empty where the caller chose.
-        left_out: Gaussians of no pixels that pictures hardly need.
-        left_out_psnr: dB of pictures without them; None where none are.
-    """
-
-    clipped: dict[str, int] = field(default_factory=dict)
-    watch: Stopwatch = field(default_factory=Stopwatch)
-    mode: str = "gaussians"
-    reason: str = ""
-    left_out: int = 0
-    left_out_psnr: float | None = None
-
 
 @dataclass(frozen=True)
 class MappedChannel:
-    """A channel and what its codes mean, or its one value where there is no code map.
-
-    Attributes:
-        value: what stands for all of them then.
-        window: values outside are clipped.
-    """
+    """A channel and what its codes mean; values outside the window are clipped."""
 
     channel: Channel
-    code_map: CodeMap | None
-    value: float = 0.0
-    window: tuple[float, float] = (0.0, 0.0)
+    code_map: CodeMap
+    window: tuple[float, float]
 
     def codes(self, view: int) -> tuple[NDArray, int]:
         """A view's codes (H, W) uint16, and how many values were clipped."""
         values, (low, high) = self.channel.values[view], self.window
-        assert self.code_map is not None
         # Codes may reach a little beyond the window, whose ends a coarse step rounds; only what lies outside is lost.
         return self.code_map.quantise(values)[0], int(np.count_nonzero((values < low) | (values > high)))
-
-
-def check_qp(qp: float) -> None:
-    """InputError for a Q_g beyond ±60."""
-    if not -MAX_GLOBAL_QP <= qp <= MAX_GLOBAL_QP:  # also refuses NaN
-        raise InputError(f"{qp:g}, accepted are -{MAX_GLOBAL_QP} to {MAX_GLOBAL_QP}", where="qp")
 
 
 class SceneEncoder:
@@ -91,51 +50,29 @@ class SceneEncoder:
     planes that are the same from one time to the next.
     """
 
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        profile: Profile,
-        store: GraphStore,
-        *,
-        threads: int,
-        drop_invalid: bool = False,
-        stats: EncodeStats | None = None,
-        plane_coder: PlaneCoder | None = None,
-    ) -> None:
-        """Check and project the scene.
-
-        Args:
-            gaussians: per pixel, with cameras.
-            profile: what to do.
-            store: opens the analysis graphs.
-            threads: planes coded at a time; never changes the bytes.
-            drop_invalid: make Gaussians that VPT cannot represent transparent in place of refusing them.
-            stats: filled with what was measured.
-            plane_coder: what codes a plane; None for `hevc.encode_plane`.
+    def __init__(self, job: Job) -> None:
+        """Check and project the job's Gaussians; its Q_g plays no part.
 
         Raises:
             InputError: a list, more views than 4,096.
             NumericError: Gaussians at or behind their own camera, or beyond the range of the format's numbers.
         """
-        if not gaussians.is_per_pixel:
-            raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
-        if len(gaussians.cameras) > MAX_VIEWS:
-            raise InputError(f"{len(gaussians.cameras)} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
-        self.gaussians, self.profile, self.threads, self.stats = gaussians, profile, threads, stats or EncodeStats()
-        self._coder = _OnceEach(plane_coder or encode_plane, profile.encoder)
-        watch = self.stats.watch
-        with watch.stage("vpt"):
-            projected = tuple(
-                project_layer(store, layer, drop_invalid=drop_invalid, where=f"layer {index}")
-                for index, layer in enumerate(gaussians.layers)
-            )
-        scene = ProjectedScene(gaussians.layers, projected, store, threads, watch)
-        self._planner = planner_of(profile, scene)
+        job.gaussians.check_pixels()
+        views = len(job.gaussians.cameras)
+        if views > MAX_VIEWS:
+            raise InputError(f"{views} views, accepted are 1 to {MAX_VIEWS}", where="cameras")
+        self.job, self._coder = job, _OnceEach(job.plane_coder or encode_plane, job.profile.encoder)
+        with job.stats.watch.stage("vpt"):
+            projected = [
+                project_layer(job.store, layer, drop_invalid=job.drop_invalid, where=f"layer {index}")
+                for index, layer in enumerate(job.gaussians.layers)
+            ]
+        self._planner = planner_of(job, projected)
 
     def plan(self, qp: float) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; InputError beyond ±60."""
         check_qp(qp)
-        return self._planner.plan(qp)
+        return self._planner.plan(qp, lambda channel: None)
 
     def code(self, plans: Sequence[LayerPlan], qp: float) -> bytes:
         """The file of such plans; `qp` is what its header says."""
@@ -147,27 +84,33 @@ class SceneEncoder:
         return self._file(lambda begin: self._planner.plan(qp, begin), qp)
 
     def _file(self, planned: Callable[[Callable[[Channel], object]], Sequence[LayerPlan]], qp: float) -> bytes:
-        self.stats.clipped.clear()
-        with _Coding(self._coder, self.threads, self.stats) as coding:
-            pairs = list(zip(self.gaussians.layers, planned(coding.begin), strict=True))
+        job = self.job
+        job.stats.clipped.clear()
+        with _Coding(self._coder, job.threads, job.stats) as coding:
+            pairs = list(zip(job.gaussians.layers, planned(coding.begin), strict=True))
             for _, plan in pairs:
                 for channel in plan.channels:
                     coding.begin(channel)
             coded = [coding.finish(layer, plan) for layer, plan in pairs]
-        with self.stats.watch.stage("write"):
-            cameras, origin = self.gaussians.cameras, self.gaussians.origin
-            notes = self.gaussians.notes
-            data = write_container(coded, cameras, origin, self.profile.name, qp, notes=notes)
-            check_readable(data)
-        return data
+        return write_planes(coded, job.gaussians, job.profile, qp, job.stats)
 
 
-def check_readable(data: bytes) -> None:
-    """Refuse to hand out a file that no reader would take: scenes at the end of float32 can lead to one."""
-    try:
-        read_container(data, _UNLIMITED)
-    except FormatError as error:
-        raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
+def write_planes(
+    layers: Sequence[CodedLayer], gaussians: Gaussians, profile: Profile, qp: float, stats: EncodeStats
+) -> bytes:
+    """The file of coded layers.
+
+    Raises:
+        NumericError: no reader would take it: scenes at the end of float32 can lead to that.
+    """
+    cameras, origin, notes = gaussians.cameras, gaussians.origin, gaussians.notes
+    with stats.watch.stage("write"):
+        data = write_container(layers, cameras, origin, profile.name, qp, notes=notes)
+        try:
+            read_container(data, _UNLIMITED)
+        except FormatError as error:
+            raise NumericError(f"beyond what a file can hold: {error.message}", where=error.where) from None
+    return data
 
 
 class _OnceEach:
@@ -208,9 +151,9 @@ def map_channel(channel: Channel) -> MappedChannel:
     if channel.plane_class != PlaneClass.DEPTH:
         low, high = without_outliers(values, low, high, channel.step)
     mean, spread = mean_and_spread(values)
-    if is_flat(channel, mean, spread, channel.step):
-        return MappedChannel(channel, None, mean)
-    return MappedChannel(channel, choose_code_map(low, high, mean, channel.step), window=(low, high))
+    flat = is_flat(channel, mean, spread, channel.step)
+    code_map = CodeMap(0.0, mean, 0) if flat else choose_code_map(low, high, mean, channel.step)
+    return MappedChannel(channel, code_map, (low, high))
 
 
 _Jobs: TypeAlias = list[Future[tuple[CodedPlane, int]]]
@@ -242,7 +185,7 @@ class _Coding:
     def _submit(self, mapped: MappedChannel) -> _Jobs:
         """Codes are made, and let go, where they are coded."""
         code_map, offsets = mapped.code_map, mapped.channel.offsets
-        if code_map is None:
+        if not code_map.scale:
             return []
 
         def code(view: int) -> tuple[CodedPlane, int]:
@@ -261,29 +204,22 @@ class _Coding:
                 refinement = _refine(jobs[0][0], depth, plan.refine_depth, self._pool)
                 jobs.insert(1, (refinement, self._submit(refinement)))
             planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
+        channels = []
         for mapped, coded in planes:
-            if mapped.code_map is not None:
-                label = mapped.channel.plane_class.label
-                clipped = self._stats.clipped
-                clipped[label] = clipped.get(label, 0) + sum(count for _, count in coded)
+            if coded:
+                self._stats.add_clipped(mapped.channel.plane_class, sum(count for _, count in coded))
+            code_map, payloads = mapped.code_map, tuple(plane.payload for plane, _ in coded)
+            channels.append(CodedChannel(*mapped.channel.key, code_map.qp, code_map.scale, code_map.offset, payloads))
         sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
         assert len(sets) <= 1, "parameter sets differ among planes of one size"
         height, width = layer.opacities.shape[1:]
-        return CodedLayer(
-            height,
-            width,
-            layer.degree,
-            plan,
-            tuple(_coded_channel(mapped, [plane for plane, _ in coded]) for mapped, coded in planes),
-            next(iter(sets), b""),
-            layer.cameras,
-        )
+        parameter_sets = next(iter(sets), b"")
+        return CodedLayer(height, width, layer.degree, plan, tuple(channels), parameter_sets, layer.cameras)
 
 
 def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor) -> MappedChannel:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
     values, code_map = base.channel.values, base.code_map
-    assert code_map is not None
     rest = scratch.zeros(values.shape)
 
     def decode(view: int) -> None:
@@ -293,11 +229,3 @@ def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool:
 
     list(pool.map(decode, range(len(coded))))
     return map_channel(replace(base.channel, values=rest, step=step, window=extent(rest)))
-
-
-def _coded_channel(mapped: MappedChannel, planes: Sequence[CodedPlane]) -> CodedChannel:
-    channel, code_map = mapped.channel, mapped.code_map
-    if code_map is None:
-        return CodedChannel(channel.plane_class, channel.target, 0, 0.0, mapped.value)
-    payloads = tuple(plane.payload for plane in planes)
-    return CodedChannel(channel.plane_class, channel.target, code_map.qp, code_map.scale, code_map.offset, payloads)

@@ -12,7 +12,6 @@ Samples are predicted from their neighbours and what is left goes through zlib, 
 from __future__ import annotations
 
 import zlib
-from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 
 import numpy as np
@@ -23,6 +22,7 @@ from ..errors import FormatError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import GEOMETRY_CHANNELS, PlaneClass
 from ..graphs.inference import GraphStore
+from ..system.threads import Crew
 from .analysis import project_layer
 
 GEOMETRY_PLANES = GEOMETRY_CHANNELS + 1
@@ -81,7 +81,7 @@ def _settled_quats(quats: NDArray, reference: NDArray) -> NDArray:
     return np.rint(quats * sign / np.abs(quats).max(axis=1, keepdims=True) * 2.0**19) / 2.0**19 + 0.0
 
 
-def decode_exact(layer: ExactLayer, threads: int) -> tuple[NDArray, NDArray]:
+def decode_exact(layer: ExactLayer, crew: Crew) -> tuple[NDArray, NDArray]:
     """Geometry (V, 11, H, W) float64 with −1/z for depth, and SH coefficients (V, H, W, B, 3) float32.
 
     Raises:
@@ -93,8 +93,7 @@ def decode_exact(layer: ExactLayer, threads: int) -> tuple[NDArray, NDArray]:
     def decode(number: int) -> NDArray:
         return unpack(layer.payload(number), shape, f"exact plane {number % count}, view {number // count}")
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        planes = np.stack(list(pool.map(decode, range(views * count)))).reshape(views, count, *shape)
+    planes = np.stack(crew.map(decode, range(views * count))).reshape(views, count, *shape)
     if sha256(planes.tobytes()).digest() != layer.sha256:
         raise FormatError("SHA-256 of the planes differs: they are not those that were written", where="exact planes")
     if not np.isfinite(planes).all():

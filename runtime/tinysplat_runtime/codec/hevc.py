@@ -243,13 +243,12 @@ class PictureDecoder:
         ]
 
 
-class PlaneDecoder:
-    """A `PictureDecoder` for the planes of one size."""
+class PlaneDecoder(PictureDecoder):
+    """Decodes planes of one size."""
 
     def __init__(self, parameter_sets: bytes, height: int, width: int) -> None:
         """Arguments and errors of `PictureDecoder`; height and width are the plane's own, before padding."""
-        self._size = (height, width)
-        self._decoder = PictureDecoder(parameter_sets, *padded_size(height, width), _PIXEL_FORMAT)
+        super().__init__(parameter_sets, *padded_size(height, width), _PIXEL_FORMAT)
 
     def decode_into(self, payload: bytes | memoryview, out: NDArray) -> None:
         """Decode one slice NAL unit into `out` (H, W) uint16.
@@ -257,9 +256,8 @@ class PlaneDecoder:
         Raises:
             FormatError: the payload is no single intra picture of this size.
         """
-        height, width = self._size
-        (plane,) = self._decoder.decode(payload)
-        out[...] = plane[:height, :width]
+        (plane,) = self.decode(payload)
+        out[...] = plane[: out.shape[0], : out.shape[1]]
 
 
 def _nal_units(stream: bytes) -> list[bytes]:

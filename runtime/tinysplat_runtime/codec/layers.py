@@ -48,40 +48,38 @@ class OpenFile:
 
 def decode_layers(file: OpenFile, planes: Planes) -> Gaussians:
     """All layers of coded planes; views whose depth is missing are hidden."""
-    container, watch = file.container, file.watch
-    layers = []
-    crew = Crew(file.threads)
+    layers, crew = [], Crew(file.threads)
     for index, header in enumerate(planes.layers):
-        with watch.stage("synthesis"):
-            synthesis = LayerSynthesis(header, container.origin, file.store)
-        _decode_layer(_Pictures(container, header, index), synthesis, crew, file.missing, watch)
-        with watch.stage("synthesis"):
+        with file.watch.stage("synthesis"):
+            synthesis = LayerSynthesis(header, file.container.origin, file.store)
+        _decode_layer(_Pictures(file, header, index), synthesis, crew)
+        with file.watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
         layers[-1].opacities[hidden_views(header, index, file.missing)] = 0
-    return Gaussians.stacked(layers).changed(cameras=container.cameras)
+    return Gaussians.stacked(layers).changed(cameras=file.container.cameras)
 
 
 @dataclass(frozen=True)
 class _Pictures:
-    """The pictures of layer `index` of a container, and a libavcodec context of each thread's own to decode them."""
+    """The pictures of layer `index` of a file, and a libavcodec context of each thread's own to decode them."""
 
-    container: Container
+    file: OpenFile
     layer: LayerHeader
     index: int
     own: local = field(default_factory=local)
 
     def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
         """Decode one picture into `out` (H, W) uint16."""
-        payload = self.container.pictures.payload(self.index, channel, view)
+        container = self.file.container
+        payload = container.pictures.payload(self.index, channel, view)
         if not hasattr(self.own, "decoder"):
-            parameter_sets = self.container.parameter_sets[self.layer.parameter_set]
+            parameter_sets = container.parameter_sets[self.layer.parameter_set]
             self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)
         try:
             self.own.decoder.decode_into(payload, out)
         except FormatError as error:
-            raise FormatError(
-                error.message, where=f"plane {channel.name}, view {self.container.pictures.number(view)}"
-            ) from None
+            where = f"plane {channel.name}, view {container.pictures.number(view)}"
+            raise FormatError(error.message, where=where) from None
 
 
 class _Part:
@@ -91,19 +89,14 @@ class _Part:
     """
 
     def __init__(
-        self,
-        pictures: _Pictures,
-        view: int,
-        planes: Mapping[str, Sequence[int]],
-        missing: Collection[PlaneRef],
-        synthesise: Callable[..., None],
+        self, pictures: _Pictures, view: int, planes: Mapping[str, Sequence[int]], synthesise: Callable[..., None]
     ) -> None:
         """`planes` are indices of channels by what `synthesise` calls their codes."""
         self._pictures, self._view, self._planes, self._synthesise = pictures, view, planes, synthesise
         self._present, self._stand_ins = [], []
         for name, channels in planes.items():
             for slot, channel in enumerate(channels):
-                if PlaneRef(pictures.index, channel, view) in missing:
+                if PlaneRef(pictures.index, channel, view) in pictures.file.missing:
                     self._stand_ins.append((name, slot, stand_in_code(pictures.layer, channel)))
                 else:
                     self._present.append((name, slot, channel))
@@ -149,9 +142,7 @@ class _Part:
         return codes
 
 
-def _decode_layer(
-    pictures: _Pictures, synthesis: LayerSynthesis, crew: Crew, missing: Collection[PlaneRef], watch: Stopwatch
-) -> None:
+def _decode_layer(pictures: _Pictures, synthesis: LayerSynthesis, crew: Crew) -> None:
     """Decode all pictures of a layer, and synthesise what is complete beside it.
 
     The seconds of both stages are those of all threads by the number of threads, as they overlap.
@@ -163,10 +154,10 @@ def _decode_layer(
     parts = [planes] if crew.threads == 1 else [{name: channels} for name, channels in planes.items()]
     tasks = []
     for view in range(len(pictures.layer.cameras)):
-        of_view = [task for part in parts for task in _Part(pictures, view, part, missing, synthesis.run).tasks()]
+        of_view = [task for part in parts for task in _Part(pictures, view, part, synthesis.run).tasks()]
         # Longest first, so that threads finish the last view together.
         tasks += sorted(of_view, key=lambda task: -task[0])
     start = time.perf_counter()
     spent = sum(crew.map(lambda task: task[1](), tasks)) / crew.threads
-    watch.add("synthesis", spent)
-    watch.add("libavcodec", time.perf_counter() - start - spent)
+    pictures.file.watch.add("synthesis", spent)
+    pictures.file.watch.add("libavcodec", time.perf_counter() - start - spent)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from ..container.body import Container
 from ..container.layers import LayerHeader
 from ..container.planes import Planes
+from ..container.records import ChannelRecord, PlanePictures
 from ..errors import FormatError
 from ..gaussian.planes import MAX_CODE, PlaneClass
 from .quantise import MID_CODE
@@ -27,36 +28,23 @@ class PlaneRef(NamedTuple):
     view: int
 
 
-def all_planes(container: Container) -> list[PlaneRef]:
-    """Every picture that the metadata lists, in the order of the records."""
-    return [
-        PlaneRef(index, number, view)
-        for index, channels in enumerate(container.pictures.channels)
-        for number, channel in enumerate(channels)
-        for view in range(len(channel.streams))
-    ]
-
-
-def cut_off_planes(container: Container) -> frozenset[PlaneRef]:
-    """The pictures that a prefix of the file does not hold to their end; none of a whole file."""
+def missing_planes(container: Container, *, is_damaged: bool) -> frozenset[PlaneRef]:
+    """The pictures that the bytes at hand do not hold to their end; of a file that `is_damaged`, also those whose bytes
+    are not those that were written.
+    """
     pictures = container.pictures
     return frozenset(
-        ref
-        for ref in all_planes(container)
-        if not pictures.holds(ref.layer, pictures.channels[ref.layer][ref.channel], ref.view)
+        PlaneRef(index, number, view)
+        for index, channels in enumerate(pictures.channels)
+        for number, channel in enumerate(channels)
+        for view in range(len(channel.streams))
+        if not (pictures.holds(index, channel, view) and (not is_damaged or _is_intact(pictures, index, channel, view)))
     )
 
 
-def damaged_planes(container: Container) -> frozenset[PlaneRef]:
-    """The pictures whose bytes are not all there, or not those that were written."""
-    absent = cut_off_planes(container)
-    return absent | {ref for ref in all_planes(container) if ref not in absent and not _is_intact(container, ref)}
-
-
-def _is_intact(container: Container, ref: PlaneRef) -> bool:
-    pictures = container.pictures
+def _is_intact(pictures: PlanePictures, layer: int, channel: ChannelRecord, view: int) -> bool:
     try:
-        pictures.payload(ref.layer, pictures.channels[ref.layer][ref.channel], ref.view)
+        pictures.payload(layer, channel, view)
     except FormatError:
         return False
     return True

@@ -32,12 +32,7 @@ def paper_colors(store: GraphStore, layer: Gaussians, settings: PaperSettings) -
 
 
 def paper_plan(
-    projected: ProjectedLayer,
-    colors: NDArray,
-    reduction: Reduction | None,
-    degree: int,
-    settings: PaperSettings,
-    qp: float,
+    projected: ProjectedLayer, colors: NDArray, reduction: Reduction | None, degree: int, qp: float
 ) -> LayerPlan:
     """Channels and steps at Q_g = `qp`.
 
@@ -51,20 +46,18 @@ def paper_plan(
         sigmas = planes.std(axis=(0, 2, 3), dtype=np.float64)
         if plane_class == PlaneClass.COLOR:  # one step for all, from the dominant component
             sigmas[:] = sigmas[0] if reduction is not None else sigmas.max()
-        channels += _class_channels(plane_class, planes, sigmas, settings, qp)
+        channels += _class_channels(plane_class, planes, sigmas, qp)
     depth = projected.geometry[:, GEOMETRY[PlaneClass.DEPTH]]
     return LayerPlan(tuple(channels), degree, (float(depth.min()), float(depth.max())), reduction=reduction)
 
 
-def _class_channels(
-    plane_class: PlaneClass, planes: NDArray, sigmas: NDArray, settings: PaperSettings, qp: float
-) -> list[Channel]:
+def _class_channels(plane_class: PlaneClass, planes: NDArray, sigmas: NDArray, qp: float) -> list[Channel]:
     channels = []
     for target, sigma in enumerate(sigmas):
         values = planes[:, target]
         low, high = float(values.min()), float(values.max())
-        integer_step = float(sigma) / settings.alpha[plane_class]
-        step = integer_step * _HEVC_STEP_14_BITS * 2 ** ((settings.class_qp[plane_class] + qp - 4) / 6)
+        integer_step = float(sigma) / plane_class.facts.alpha
+        step = integer_step * _HEVC_STEP_14_BITS * 2 ** ((plane_class.facts.class_qp + qp - 4) / 6)
         # The offset makes the minimum 0; what 14 bits do not reach from there is cut.
         window = (low, min(high, low + (_LEVELS - 1) * integer_step))
         channels.append(Channel(plane_class, target, values, step, window))

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from functools import partial
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +20,12 @@ from ..container.records import Limits
 from ..container.sections import section_ranges, table_end
 from ..errors import FormatError, InputError
 from ..gaussian.editing import select_views
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import FIELDS, Gaussians, joined
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
 from ..system.printable import type_of
-from .decoder import decode_gaussians
+from .decoder import decode_file, read_file
 from .ranges import Ranges
 
 FIRST_BYTES = 1 << 16
@@ -55,28 +55,31 @@ class SceneFile:
         limits: Limits | None = None,
         model: str | None = None,
         cache_bytes: int = CACHE_BYTES,
+        first_bytes: int = FIRST_BYTES,
     ) -> None:
         """Read the metadata.
 
         Args:
             source: the file's bytes.
-            store, threads, limits, model: as for `decode_gaussians`.
+            store, threads, model: as for `decode_file`.
+            limits: what to accept.
             cache_bytes: most memory of decoded views that are kept; a call can take more for what it returns.
+            first_bytes: read at first, of which the metadata may take more or less.
 
         Raises:
             FormatError: damaged, foreign or beyond the limits.
         """
-        self._source, self._store, self._cache_bytes = source, store, cache_bytes
-        self._options: dict[str, Any] = {"threads": threads, "limits": limits, "model": model}
+        self._source, self._limits, self._cache_bytes = source, limits, cache_bytes
+        self._decode = partial(decode_file, store=store, threads=threads, model=model)
         self.bytes_read = 0
         self._cached: OrderedDict[int, Gaussians] = OrderedDict()
         self._last: tuple[tuple[int, ...], Gaussians] | None = None
-        self._data, self._is_divided = self._metadata()
+        self._data, self._is_divided = self._metadata(first_bytes)
         if self._is_divided:
             outline = read_outline(self._data, limits)
             self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
         else:
-            whole = decode_gaussians(self._data, store, **self._options)
+            whole = self._decode(read_file(self._data, limits))
             if not whole.is_per_pixel:
                 raise InputError("a file that holds a list has no views to choose from", where="file")
             self.cameras, self._depths = whole.cameras, _depths(whole)
@@ -112,7 +115,7 @@ class SceneFile:
         else:
             held = {view: self._cached[view] for view in wanted if view in self._cached}
             missing = [view for view in wanted if view not in held]
-            held |= dict(zip(missing, self._decoded(missing), strict=True))
+            held |= dict(zip(missing, self._fetched(missing), strict=True))
             found = _joined([held[view] for view in wanted])
             for view in wanted:
                 self._cached[view] = held[view]
@@ -140,9 +143,9 @@ class SceneFile:
         near, far = self._depths
         return nearest_views(self.cameras, camera, 2 / (1 / near + 1 / far), count)
 
-    def _metadata(self) -> tuple[bytes, bool]:
+    def _metadata(self, first_bytes: int) -> tuple[bytes, bool]:
         """All bytes before the first view, and whether views are units; else the whole file."""
-        data = self._read([(0, FIRST_BYTES)])[0]
+        data = self._read([(0, first_bytes)])[0]
         data = self._up_to(data, table_end(memoryview(data)))
         ranges = section_ranges(memoryview(data))
         first = next((start for kind, start, _ in ranges if kind == VIEW), None)
@@ -160,14 +163,13 @@ class SceneFile:
         self.bytes_read += sum(map(len, found))
         return found
 
-    def _decoded(self, views: Sequence[int]) -> list[Gaussians]:
+    def _fetched(self, views: Sequence[int]) -> list[Gaussians]:
         """Each view by itself, so that what is let go of frees memory."""
-        found = []
         parts = self._read([self._ranges[view] for view in views]) if views else []
-        for view, part in zip(views, parts, strict=True):
-            one = decode_gaussians(self._data, self._store, views=[view], units={view: part}, **self._options)
-            found.append(one)
-        return found
+        return [
+            self._decode(read_file(self._data, self._limits, views=[view], units={view: part}))
+            for view, part in zip(views, parts, strict=True)
+        ]
 
     def _shrink(self) -> None:
         total = sum(map(_bytes_of, self._cached.values()))
@@ -195,7 +197,6 @@ def _joined(views: Sequence[Gaussians]) -> Gaussians:
         return views[0]
     layers = []
     for parts in zip(*(view.layers for view in views), strict=True):
-        fields: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
         cameras = tuple(camera for part in parts for camera in part.cameras)
-        layers.append(Gaussians.unchecked(**fields, cameras=cameras, origin=views[0].origin))
+        layers.append(Gaussians.unchecked(**joined(parts), cameras=cameras, origin=views[0].origin))
     return Gaussians.stacked(layers).with_notes(views[0].notes)

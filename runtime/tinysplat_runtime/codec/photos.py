@@ -8,7 +8,6 @@ done here, since those of libswscale differ between versions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +16,10 @@ from numpy.typing import NDArray
 from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
+from ..scene.images import doubled
 from ..system.blas import product
-from .hevc import PictureDecoder, encode_picture
+from ..system.threads import Crew
+from .hevc import CodedPlane, PictureDecoder, encode_picture
 from .profiles import EncoderSettings
 
 BASE_QP = 20
@@ -56,15 +57,13 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     """
     picture_qp = photo_qp(qp)
 
-    def encode(image: NDArray) -> tuple[bytes, bytes]:
-        coded = encode_picture(picture_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
-        return coded.parameter_sets, coded.payload
+    def encode(image: NDArray) -> CodedPlane:
+        return encode_picture(picture_planes(image), _PIXEL_FORMAT, picture_qp, replace(settings, block_qps=False))
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        coded = list(pool.map(encode, images))
+    coded = Crew(threads).map(encode, images)
     height, width = images.shape[1:3]
-    assert len({sets for sets, _ in coded}) == 1, "parameter sets differ among photos of one size"
-    return CodedPhotos(height, width, picture_qp, coded[0][0], tuple(payload for _, payload in coded))
+    (sets,) = {picture.parameter_sets for picture in coded}  # the same of all pictures of one size
+    return CodedPhotos(height, width, picture_qp, sets, tuple(picture.payload for picture in coded))
 
 
 def decode_photos(photos: PhotoHeader, parameter_sets: bytes, threads: int) -> NDArray:
@@ -83,8 +82,7 @@ def decode_photos(photos: PhotoHeader, parameter_sets: bytes, threads: int) -> N
             raise FormatError(error.message, where=f"photo {view}") from None
         return planes_picture(planes, photos.height, photos.width)
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        return np.stack(list(pool.map(decode, range(len(photos.streams)))))
+    return np.stack(Crew(threads).map(decode, range(len(photos.streams))))
 
 
 def coded_photo_size(height: int, width: int) -> tuple[int, int]:
@@ -106,15 +104,7 @@ def picture_planes(image: NDArray) -> list[NDArray]:
 def planes_picture(planes: Sequence[NDArray], height: int, width: int) -> NDArray:
     """(H, W, 3) float32 of decoded planes."""
     luma, blue, red = planes
-    ycc = np.stack([luma.astype(np.float32), *(_doubled(_doubled(p - np.float32(_GREY), 0), 1) for p in (blue, red))])
+    chroma = [doubled(doubled(plane - np.float32(_GREY), 0), 1) / 16 for plane in (blue, red)]
+    ycc = np.stack([luma.astype(np.float32), *chroma])
     rgb = np.einsum("ij,jhw->ihw", _YCC_TO_RGB.astype(np.float32) / np.float32(_WHITE), ycc[:, :height, :width])
     return np.ascontiguousarray(np.moveaxis(rgb.clip(0, 1), 0, -1))
-
-
-def _doubled(plane: NDArray, axis: int) -> NDArray:
-    """Twice as many samples along an axis, each 3/4 of the nearest and 1/4 of the next; borders are repeated."""
-    padded = np.pad(plane, [(int(a == axis),) * 2 for a in (0, 1)], mode="edge")
-    before, after = (padded[:-2], padded[2:]) if axis == 0 else (padded[:, :-2], padded[:, 2:])
-    pair = np.stack([0.75 * plane + 0.25 * before, 0.75 * plane + 0.25 * after], axis=axis + 1)
-    shape = [n * (1 + (a == axis)) for a, n in enumerate(plane.shape)]
-    return pair.reshape(shape)

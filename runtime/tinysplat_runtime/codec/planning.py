@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
-from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan
-from ..graphs.inference import GraphStore
-from ..system.stopwatch import Stopwatch
 from .adaptive import (
     AdaptiveLayer,
-    LayerGeometry,
     adaptive_plan,
     color_channels,
     known_channels,
@@ -23,28 +18,9 @@ from .adaptive import (
 )
 from .analysis import ProjectedLayer
 from .depth_step.allocation import Steps
+from .job import Job
 from .paper import paper_colors, paper_plan
-from .profiles import AdaptiveSettings, PaperSettings, Profile
-
-
-@dataclass(frozen=True)
-class ProjectedScene:
-    """What planners start from.
-
-    Attributes:
-        layers: Gaussians of each layer.
-        projected: VPT's planes of each.
-        store: opens the analysis graphs.
-        threads: for looking at the scene; never changes a plan.
-        watch: takes the seconds of stages `vabr` and `quantise`.
-    """
-
-    layers: Sequence[Gaussians]
-    projected: Sequence[ProjectedLayer]
-    store: GraphStore
-    threads: int
-    watch: Stopwatch
-
+from .profiles import AdaptiveSettings, PaperSettings
 
 Ready: TypeAlias = Callable[[Channel], object]
 
@@ -52,27 +28,25 @@ Ready: TypeAlias = Callable[[Channel], object]
 class Planner(Protocol):
     """Says how a scene is coded."""
 
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`; `ready` is given channels that are known before the others."""
 
 
 class PaperPlanner:
     """Steps relative to each channel's deviation; see `paper`."""
 
-    def __init__(self, scene: ProjectedScene, settings: PaperSettings) -> None:
-        self._scene, self._settings = scene, settings
+    def __init__(self, job: Job, projected: Sequence[ProjectedLayer], settings: PaperSettings) -> None:
+        self._job, self._projected, self._settings = job, projected, settings
 
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
-        pairs = zip(self._scene.layers, self._scene.projected, strict=True)
-        return [self._layer_plan(layer, projected, qp) for layer, projected in pairs]
-
-    def _layer_plan(self, layer: Gaussians, projected: ProjectedLayer, qp: float) -> LayerPlan:
-        scene, settings = self._scene, self._settings
-        with scene.watch.stage("vabr"):
-            colors, reduction = paper_colors(scene.store, layer, settings)
-        with scene.watch.stage("quantise"):
-            return paper_plan(projected, colors, reduction, layer.degree, settings, qp)
+        watch, plans = self._job.stats.watch, []
+        for layer, projected in zip(self._job.gaussians.layers, self._projected, strict=True):
+            with watch.stage("vabr"):
+                colors, reduction = paper_colors(self._job.store, layer, self._settings)
+            with watch.stage("quantise"):
+                plans.append(paper_plan(projected, colors, reduction, layer.degree, qp))
+        return plans
 
 
 class AdaptivePlanner:
@@ -81,46 +55,40 @@ class AdaptivePlanner:
     The scene's projected planes become the planner's own, and the codec's in place of VPT's.
     """
 
-    def __init__(self, scene: ProjectedScene, settings: AdaptiveSettings) -> None:
-        self._scene, self._settings = scene, settings
-        with scene.watch.stage("vabr"):
-            self._geometry = [take_geometry(projected) for projected in scene.projected]
+    def __init__(self, job: Job, projected: Sequence[ProjectedLayer], settings: AdaptiveSettings) -> None:
+        self._job, self._settings = job, settings
+        with job.stats.watch.stage("vabr"):
+            self._geometry = [take_geometry(layer) for layer in projected]
         self._prepared: list[AdaptiveLayer] | None = None
         self._steps: list[Steps] | None = None
 
-    def plan(self, qp: float, ready: Ready | None = None) -> list[LayerPlan]:
+    def plan(self, qp: float, ready: Ready) -> list[LayerPlan]:
         """How to code each layer at Q_g = `qp`."""
-        watch, settings = self._scene.watch, self._settings
+        watch, settings = self._job.stats.watch, self._settings
         known = [list(known_channels(layer, index, settings, qp)) for index, layer in enumerate(self._geometry)]
-        _say_ready(known, ready)
+        for channel in itertools.chain(*known):
+            ready(channel)
         with watch.stage("vabr"):
             if self._prepared is None:
-                self._prepared = _prepare(self._scene, self._geometry, settings, 0.0)
-            prepared = self._prepared if qp >= 0 else _prepare(self._scene, self._geometry, settings, qp)
+                self._prepared = self._layers(0.0)
+            prepared = self._prepared if qp >= 0 else self._layers(qp)
         colors = [list(color_channels(layer, index, settings, qp)) for index, layer in enumerate(prepared)]
-        _say_ready(colors, ready)
+        for channel in itertools.chain(*colors):
+            ready(channel)
         with watch.stage("quantise"):
             if self._steps is None:
-                self._steps = scene_steps(self._prepared, settings, self._scene.threads)
+                self._steps = scene_steps(self._prepared, settings, self._job.threads)
             layers = zip(prepared, self._steps, known, colors, strict=True)
             return [adaptive_plan(layer, steps, [*a, *b], settings, qp) for layer, steps, a, b in layers]
 
-
-def planner_of(profile: Profile, scene: ProjectedScene) -> Planner:
-    """The planner that a profile's settings are for."""
-    if isinstance(profile.settings, PaperSettings):
-        return PaperPlanner(scene, profile.settings)
-    return AdaptivePlanner(scene, profile.settings)
+    def _layers(self, qp: float) -> list[AdaptiveLayer]:
+        pairs = zip(self._job.gaussians.layers, self._geometry, strict=True)
+        return [prepare_layer(self._job.store, layer, planes, self._settings, qp) for layer, planes in pairs]
 
 
-def _say_ready(channels: Sequence[Sequence[Channel]], ready: Ready | None) -> None:
-    if ready is not None:
-        for channel in itertools.chain(*channels):
-            ready(channel)
-
-
-def _prepare(
-    scene: ProjectedScene, geometry: Sequence[LayerGeometry], settings: AdaptiveSettings, qp: float
-) -> list[AdaptiveLayer]:
-    pairs = zip(scene.layers, geometry, strict=True)
-    return [prepare_layer(scene.store, layer, planes, settings, qp) for layer, planes in pairs]
+def planner_of(job: Job, projected: Sequence[ProjectedLayer]) -> Planner:
+    """The planner that the profile's settings are for, given VPT's planes of each layer."""
+    settings = job.profile.settings
+    if isinstance(settings, PaperSettings):
+        return PaperPlanner(job, projected, settings)
+    return AdaptivePlanner(job, projected, settings)

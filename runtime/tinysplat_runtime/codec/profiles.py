@@ -5,11 +5,9 @@ Loads without numpy and libx265, so that the command line can name what there is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ..errors import InputError
-from ..gaussian.planes import PLANE_CLASSES, PlaneClass
 
 
 @dataclass(frozen=True)
@@ -29,16 +27,12 @@ class EncoderSettings:
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """The paper's quantisation (arXiv 2506.09479 and its table of α and Q_c).
+    """The paper's quantisation (arXiv 2506.09479, with the α and Q_c of `PLANE_CLASSES`).
 
     Attributes:
-        alpha: 14-bit steps per standard deviation, by class.
-        class_qp: Q_c by class.
         k: colour planes kept by VABR.
     """
 
-    alpha: Mapping[PlaneClass, int]
-    class_qp: Mapping[PlaneClass, int]
     k: int
 
 
@@ -47,14 +41,12 @@ class AdaptiveSettings:
     """Steps of equal slope; see `allocation`.
 
     Attributes:
-        stripes: how many pieces of pictures errors of depth and opacity are tried in; 0 for the steps that measuring
-            starts from.
+        stripes: how many pieces of pictures errors of depth and opacity are tried in.
         rounds: measurements of depth, each at the step that the one before led to.
         depth_damage: mean squared error of the picture that depth may cause at Q_g = 0.
         opacity_damage: the same of opacity, whose step is made finer where it causes more.
         depth_step: step of inverse depth to start from, as a share of the mean inverse depth.
-        gain: coarseness of the other steps: gain / √sensitivity.
-        sensitivity: mean squared picture error per squared unit of attribute error, by class; units of the planes.
+        gain: coarseness of the other steps: gain / √sensitivity, which `PLANE_CLASSES` has.
         width: mean standard deviation of the splats, in pixels, that the sensitivities of scale and rotation are for.
         behind: how much coarser than layer 0's those steps are in other layers, which mostly show at edges.
         energy_floor: colour planes are kept until the weighted energy left out falls below this share of a step².
@@ -71,7 +63,6 @@ class AdaptiveSettings:
     opacity_damage: float
     depth_step: float
     gain: float
-    sensitivity: Mapping[PlaneClass, float]
     width: float
     behind: float
     energy_floor: float
@@ -89,12 +80,6 @@ class Profile:
     settings: PaperSettings | AdaptiveSettings
 
 
-PAPER = PaperSettings(
-    alpha={plane_class: facts.alpha for plane_class, facts in PLANE_CLASSES.items()},
-    class_qp={plane_class: facts.class_qp for plane_class, facts in PLANE_CLASSES.items()},
-    k=6,
-)
-
 ADAPTIVE = AdaptiveSettings(
     stripes=2,
     rounds=2,
@@ -102,7 +87,6 @@ ADAPTIVE = AdaptiveSettings(
     opacity_damage=1.5e-5,
     depth_step=6e-3,
     gain=0.009,
-    sensitivity={c: facts.sensitivity for c, facts in PLANE_CLASSES.items() if facts.sensitivity is not None},
     width=0.5,
     behind=1.41,
     energy_floor=0.005,
@@ -116,7 +100,7 @@ _PSYCHOVISION_OFF = ("psy-rd=0", "psy-rdoq=0")  # planes are looked at by no eye
 PROFILES: dict[str, Profile] = {
     profile.name: profile
     for profile in (
-        Profile("paper", EncoderSettings("medium"), PAPER),
+        Profile("paper", EncoderSettings("medium"), PaperSettings(k=6)),
         Profile(
             "fast",
             EncoderSettings("ultrafast", ("min-cu-size=8", *_PSYCHOVISION_OFF), block_qps=True),

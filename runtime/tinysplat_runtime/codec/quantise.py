@@ -35,7 +35,7 @@ class CodeMap:
     """value = offset + code · scale, and the QP at which the plane is coded.
 
     Attributes:
-        scale: units per code, > 0.
+        scale: units per code, > 0; 0 where `offset` stands for all values and no plane is coded.
         offset: value of code 0.
         qp: 0 to 51.
     """

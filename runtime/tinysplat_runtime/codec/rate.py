@@ -19,7 +19,8 @@ from ..container.writer import write_container
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from .adaptive import depth_fineness, with_depth_pictures
 from .depth_step.blocks import DEAD_ZONE, SIDE, dct
-from .encoder import MAX_GLOBAL_QP, SceneEncoder, is_flat
+from .encoder import SceneEncoder, is_flat
+from .job import MAX_GLOBAL_QP
 from .quantise import choose_code_map
 from .search import Coder
 
@@ -56,7 +57,7 @@ class PlanesCoder(Coder):
     db_per_qp = 0.6
 
     def __init__(self, encoder: SceneEncoder, depth_pictures: int | None = None) -> None:
-        self.profile = encoder.profile
+        self.profile = encoder.job.profile
         self._encoder, self._pictures = encoder, depth_pictures
         self._plans: list[LayerPlan] = []
         self._planned, self._times, self._one_by_one = math.inf, 0, False
@@ -104,12 +105,12 @@ class PlanesCoder(Coder):
     def _metadata_bytes(self, plans: Sequence[LayerPlan]) -> int:
         """About what a file of such plans has besides its pictures."""
         layers = []
-        for layer, plan in zip(self._encoder.gaussians.layers, plans, strict=True):
+        for layer, plan in zip(self._encoder.job.gaussians.layers, plans, strict=True):
             one_each = (b"\0",) * len(layer.cameras)
             channels = tuple(CodedChannel(c.plane_class, c.target, 0, 0.0, 0.0, one_each) for c in plan.channels)
             height, width = layer.opacities.shape[1:]
             layers.append(CodedLayer(height, width, layer.degree, plan, channels, b"", layer.cameras))
-        scene = self._encoder.gaussians
+        scene = self._encoder.job.gaussians
         return len(write_container(layers, scene.cameras, scene.origin, "", 0.0, notes=scene.notes))
 
 

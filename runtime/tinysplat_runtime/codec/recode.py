@@ -9,7 +9,6 @@ the file's bytes: an untouched scene becomes the same planes to the bit, an edit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,18 +17,19 @@ from numpy.typing import NDArray
 from ..container.body import Container
 from ..container.layers import CodedChannel, CodedLayer, LayerHeader
 from ..container.planes import Planes
-from ..container.reader import read_container
 from ..container.records import ChannelRecord, Limits
-from ..container.writer import write_container
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
+from ..gaussian.sh import resized_sh
 from ..graphs.inference import GraphStore
+from ..system.threads import Crew
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
-from .decoder import decode_gaussians
-from .encoder import EncodeStats, check_readable
+from .decoder import decode_file, read_file
+from .encoder import write_planes
 from .hevc import CodedPlane, encode_plane
+from .job import EncodeStats
 from .one_colour import as_seen
 from .profiles import EncoderSettings, PaperSettings, Profile, find_profile
 from .quantise import CodeMap
@@ -76,7 +76,7 @@ def encode_like(
         store: opens the graphs.
         threads: planes coded at a time; never changes the bytes.
         limits: what to accept of the file.
-        drop_invalid: as `SceneEncoder`.
+        drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
         stats: filled with what was measured.
 
     Returns:
@@ -90,30 +90,25 @@ def encode_like(
     stats = stats or EncodeStats()
     with stats.watch.stage("parse"):
         try:
-            container = read_container(file, limits)
+            read = read_file(file, limits)
+            container = read.container
             layers, profile = _checked(gaussians, container)
-            earlier = decode_gaussians(file, store, threads=threads, limits=limits)
+            earlier = decode_file(read, store, threads=threads)
         except FormatError as error:
             raise error.within(_WHERE) from None
-    coded = []
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        for index, layer in enumerate(layers):
-            pair = gaussians.layers[index], earlier.layers[index]
-            coder = _LayerCoder(container, layer, index, profile.encoder, pool, stats)
-            coded.append(coder.code(*_targets(store, layer, *pair, profile, drop_invalid, stats)))
-    with stats.watch.stage("write"):
-        cameras, notes = gaussians.cameras, gaussians.notes
-        data = write_container(coded, cameras, gaussians.origin, profile.name, container.qp, notes=notes)
-        check_readable(data)
-    return data
+    coded, crew = [], Crew(threads)
+    for index, layer in enumerate(layers):
+        pair = gaussians.layers[index], earlier.layers[index]
+        coder = _LayerCoder(container, layer, index, profile.encoder, crew, stats)
+        coded.append(coder.code(*_targets(store, layer, *pair, profile, drop_invalid, stats)))
+    return write_planes(coded, gaussians, profile, container.qp, stats)
 
 
 def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHeader, ...], Profile]:
     """The file's layers and profile; InputError unless the file can serve as the scene's model."""
     if not isinstance(container.body, Planes):
-        raise InputError(f"a file of mode {container.mode}, expected gaussians", where=_WHERE)
-    if not gaussians.is_per_pixel:
-        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+        raise InputError(f"a file of mode {container.mode}, expected {Planes.mode}", where=_WHERE)
+    gaussians.check_pixels()
     found = [layer.opacities.shape for layer in gaussians.layers]
     wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.body.layers]
     if found != wanted:
@@ -147,26 +142,22 @@ def _targets(
         colors = [_colours(store, one, header, reduction) for one in (layer, earlier)]
     wanted, decoded = ({**_geometry(p, header), **c} for p, c in zip(projected, colors, strict=True))
     if header.reference_quats is None:  # q and −q are one rotation: the sign is the file's
-        _align_signs(wanted, decoded)
-    finest: dict[tuple[PlaneClass, int], float] = {}
-    for channel in header.channels:
-        key = channel.key
-        finest[key] = min(finest.get(key, np.inf), channel.scale if channel.streams else np.inf)
+        rotation = [(PlaneClass.ROTATION, n) for n in range(4)]
+        sign = np.where(sum(wanted[key] * decoded[key] for key in rotation) < 0, np.float32(-1), np.float32(1))
+        wanted |= {key: sign * wanted[key] for key in rotation}
     targets = {}
-    for key, scale in finest.items():
-        tolerance = SAME * scale if np.isfinite(scale) else 1e-5 * (1 + np.abs(decoded[key]))
+    for key in {channel.key: None for channel in header.channels}:
+        scales = [channel.scale for channel in header.channels if channel.key == key and channel.streams]
+        tolerance = SAME * min(scales) if scales else 1e-5 * (1 + np.abs(decoded[key]))
         same = np.abs(wanted[key].astype(np.float64) - decoded[key]) <= tolerance
         targets[key] = _Target(wanted[key], wanted[key], same)
-    limits = _depth_limits(projected[0], targets.get((PlaneClass.DEPTH, 0)), header)
-    maps = header.reference_quats, header.scale_mix, reduction
-    return targets, LayerPlan((), header.degree, limits, header.inverse_depth, None, *maps)
-
-
-def _depth_limits(projected: ProjectedLayer, target: _Target | None, header: LayerHeader) -> tuple[float, float]:
-    """The file's, and as far beyond as Gaussians that are new reach."""
     low, high = header.depth_limits
-    new = projected.geometry[:, 0][~target.same] if target is not None else np.empty(0)
-    return (min(low, float(new.min())), max(high, float(new.max()))) if new.size else (low, high)
+    depth = targets.get((PlaneClass.DEPTH, 0))
+    if depth is not None and not depth.same.all():  # the limits reach as far beyond as Gaussians that are new
+        new = projected[0].geometry[:, 0][~depth.same]
+        low, high = min(low, float(new.min())), max(high, float(new.max()))
+    maps = header.reference_quats, header.scale_mix, reduction
+    return targets, LayerPlan((), header.degree, (low, high), header.inverse_depth, None, *maps)
 
 
 def _reduction(header: LayerHeader, profile: Profile) -> Reduction | None:
@@ -183,10 +174,7 @@ def _colours(
 ) -> dict[tuple[PlaneClass, int], NDArray]:
     if header.degree == 0:
         layer = as_seen(layer, np.inf) or layer
-    functions = (header.degree + 1) ** 2
-    sh = np.zeros((*layer.sh.shape[:-2], functions, 3), np.float32)
-    kept = layer.sh[..., :functions, :]
-    sh[..., : kept.shape[-2], :] = kept
+    sh = np.ascontiguousarray(resized_sh(layer.sh, (header.degree + 1) ** 2))
     if reduction is None:
         planes = np.moveaxis(sh[..., 0, :], -1, 1)
     else:
@@ -216,13 +204,6 @@ def _geometry(projected: ProjectedLayer, header: LayerHeader) -> dict[tuple[Plan
     return {(c, target): values[:, target] for c, values in planes.items() for target in range(values.shape[1])}
 
 
-def _align_signs(wanted: dict[tuple[PlaneClass, int], NDArray], decoded: dict[tuple[PlaneClass, int], NDArray]) -> None:
-    keys = [(PlaneClass.ROTATION, n) for n in range(4)]
-    negative = sum(wanted[key] * decoded[key] for key in keys) < 0
-    for key in keys:
-        wanted[key] = np.where(negative, -wanted[key], wanted[key])
-
-
 class _LayerCoder:
     """Codes the channels of one layer, keeping the file's pictures where they still say what is wanted."""
 
@@ -232,12 +213,12 @@ class _LayerCoder:
         layer: LayerHeader,
         index: int,
         settings: EncoderSettings,
-        pool: ThreadPoolExecutor,
+        crew: Crew,
         stats: EncodeStats,
     ) -> None:
         self._container, self._index, self._header = container, index, layer
-        self._settings, self._pool, self._stats = settings, pool, stats
-        self._sets = container.parameter_sets.get(self._header.parameter_set, b"")
+        self._settings, self._crew, self._stats = settings, crew, stats
+        self._sets = container.parameter_sets.get(layer.parameter_set, b"")
 
     def code(self, targets: dict[tuple[PlaneClass, int], _Target], plan: LayerPlan) -> CodedLayer:
         """The layer ready for the file."""
@@ -269,10 +250,9 @@ class _LayerCoder:
     def _coded(self, record: ChannelRecord, target: _Target, sets: set[bytes]) -> CodedChannel:
         code_map = CodeMap(record.scale, record.offset, record.qp)
         codes, clipped = code_map.quantise(target.rest)
-        label = record.plane_class.label
-        self._stats.clipped[label] = self._stats.clipped.get(label, 0) + clipped
+        self._stats.add_clipped(record.plane_class, clipped)
         views = range(len(codes))
-        coded = list(self._pool.map(lambda view: self._picture(record, codes[view], target.same[view], view), views))
+        coded = self._crew.map(lambda view: self._picture(record, codes[view], target.same[view], view), views)
         for view, (plane, _, is_fresh) in enumerate(coded):
             if is_fresh:
                 sets.add(plane.parameter_sets)

@@ -9,9 +9,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from ..errors import InputError
-from .encoder import MAX_GLOBAL_QP
+from .job import MAX_GLOBAL_QP
 from .profiles import Profile
 
 SIZE_TOLERANCE = 0.03
@@ -25,6 +26,9 @@ _LEAST_STEP = 0.02
 """Of Q_g, within which no second file is coded."""
 
 _LEAST_APART = 0.1
+
+
+Made = TypeVar("Made")
 
 
 class Coder(ABC):
@@ -59,7 +63,7 @@ def code_to_size(coder: Coder, target: int) -> bytes:
     """
     low, high = math.log2((1 - SIZE_TOLERANCE) * target), math.log2(target)
     start, falls = coder.expect((1 - SIZE_TOLERANCE / 2) * target)
-    tried = tries(coder, lambda data: math.log2(len(data)), low, high, falls, start=start)
+    tried = tries(coder.code, lambda data: math.log2(len(data)), low, high, falls, start=start)
     files = [file.data for file in tried]
     within = [data for data in files if len(data) <= target]
     if within:
@@ -75,7 +79,7 @@ def code_to_psnr(coder: Coder, target: float, measure: Callable[[bytes], float])
         InputError: no file has as many; says the most that one has.
     """
     wanted = target, target + PSNR_TOLERANCE, coder.db_per_qp
-    files = list(tries(coder, measure, *wanted))
+    files = list(tries(coder.code, measure, *wanted))
     met = [file for file in files if file.score >= target]
     if not met:
         most = max(file.score for file in files)
@@ -84,39 +88,39 @@ def code_to_psnr(coder: Coder, target: float, measure: Callable[[bytes], float])
     qp = min(met, key=lambda file: len(file.data)).qp
     other = coder.other(qp)
     if other is not None:
-        met += [f for f in tries(other, measure, *wanted, start=qp, count=_OTHER_TRIALS) if f.score >= target]
+        met += [f for f in tries(other.code, measure, *wanted, start=qp, count=_OTHER_TRIALS) if f.score >= target]
     return min(met, key=lambda file: len(file.data)).data
 
 
 @dataclass(frozen=True)
-class Try:
-    """A file that a search coded.
+class Try(Generic[Made]):
+    """What a search made.
 
     Attributes:
-        qp: its Q_g.
-        data: its bytes.
+        qp: at which Q_g, or whatever else is searched over.
+        data: what was made.
         score: what is searched by, which falls with Q_g.
     """
 
     qp: float
-    data: bytes
+    data: Made
     score: float
 
 
 def tries(
-    coder: Coder,
-    score: Callable[[bytes], float],
+    make: Callable[[float], Made],
+    score: Callable[[Made], float],
     low: float,
     high: float,
     slope: float,
     *,
     start: float = 0.0,
     count: int = _TRIALS,
-) -> Iterator[Try]:
+) -> Iterator[Try[Made]]:
     """Files on the way to a score from `low` to `high`; the last one has it, or there is nowhere left to look.
 
     Args:
-        coder: codes them.
+        make: a file at a Q_g within ±60, or anything else that depends on one number so.
         score: of a file; falls with Q_g, by about `slope` at first.
         low, high: what is wanted.
         slope: see `score`.
@@ -126,7 +130,7 @@ def tries(
     qp, aim, falls = start, (low + high) / 2, slope
     seen: list[tuple[float, float]] = []
     for _ in range(count):
-        data = coder.code(qp)
+        data = make(qp)
         reached = score(data)
         yield Try(qp, data, reached)
         if low <= reached <= high:

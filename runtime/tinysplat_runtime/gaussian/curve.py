@@ -12,10 +12,20 @@ def morton_order(points: NDArray) -> NDArray:
     """Indices (N,) intp that sort points (N, 3) float along a Morton curve in their box; ties keep their order."""
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     cells = (points - low) / np.where(high > low, high - low, 1) * ((1 << _BITS) - 1)
-    key = np.zeros(len(points), np.uint64)
+    return np.argsort(morton_keys(cells), kind="stable")
+
+
+def morton_keys(cells: NDArray) -> NDArray:
+    """(N,) uint64 that rise along the curve, of (N, 3) numbers from 0 to below 2²¹, cut to whole ones."""
+    key = np.zeros(len(cells), np.uint64)
     for axis in range(3):
-        key |= spread(cells[:, axis].astype(np.uint64)) << np.uint64(axis)
-    return np.argsort(key, kind="stable")
+        key |= _spread(cells[:, axis].astype(np.uint64)) << np.uint64(axis)
+    return key
+
+
+def cells_of(keys: NDArray) -> NDArray:
+    """(N, 3) float64 whole numbers of `morton_keys`."""
+    return np.stack([_gathered(keys >> np.uint64(axis)) for axis in range(3)], axis=1).astype(np.float64)
 
 
 _SPREADS = (
@@ -27,15 +37,15 @@ _SPREADS = (
 )
 
 
-def spread(values: NDArray) -> NDArray:
+def _spread(values: NDArray) -> NDArray:
     """Bits of 21-bit numbers (any shape, uint64), each followed by two zeros."""
     for shift, mask in _SPREADS:
         values = (values | values << np.uint64(shift)) & np.uint64(mask)
     return values
 
 
-def gathered(keys: NDArray) -> NDArray:
-    """Every third bit of numbers below 2⁶³ (any shape, uint64), from the lowest: the inverse of `spread`."""
+def _gathered(keys: NDArray) -> NDArray:
+    """Every third bit of numbers below 2⁶³ (any shape, uint64), from the lowest: the inverse of `_spread`."""
     values = keys & np.uint64(_SPREADS[-1][1])
     masks = [mask for _, mask in _SPREADS[-2::-1]] + [(1 << _BITS) - 1]
     for (shift, _), mask in zip(_SPREADS[::-1], masks, strict=True):

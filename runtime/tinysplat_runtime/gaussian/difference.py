@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .gaussians import FIELDS, Gaussians
+from .sh import resized_sh
 
 _AT_A_TIME = 1 << 18
 
@@ -33,7 +34,7 @@ def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[
     sums = {name: [0.0, 0.0, 0] for name in FIELDS}  # sum of squares, largest, count
     for a, b in layer_pairs(original, decoded):
         for name in FIELDS:
-            x, y = (_rows(layer, name) for layer in (a, b))
+            x, y = a.listed(name), b.listed(name)
             shift = b.origin - a.origin if name == "means" else np.zeros(())
             for error in _differences(x, y, shift, _angles if name == "quats" else _padded_difference):
                 total, largest, count = sums[name]
@@ -43,11 +44,6 @@ def attribute_errors(original: Gaussians, decoded: Gaussians) -> dict[str, dict[
                     count + error.size,
                 ]
     return {name: {"rmse": math.sqrt(total / count), "max": largest} for name, (total, largest, count) in sums.items()}
-
-
-def _rows(layer: Gaussians, name: str) -> NDArray:
-    array = getattr(layer, name)
-    return array.reshape(layer.opacities.size, *array.shape[layer.opacities.ndim :])
 
 
 def _differences(
@@ -83,6 +79,4 @@ def _angles(a: NDArray, b: NDArray) -> NDArray:
 
 
 def _padded_difference(a: NDArray, b: NDArray) -> NDArray:
-    if a.shape != b.shape:
-        b = np.concatenate([b, np.zeros((*b.shape[:-2], a.shape[-2] - b.shape[-2], 3))], axis=-2)
-    return a - b
+    return a - (b if a.shape == b.shape else resized_sh(b, a.shape[-2]))

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..scene.cameras import Camera
-from .gaussians import FIELDS, Gaussians
+from .gaussians import Gaussians, joined
 from .notes import Notes
 from .quaternions import matrices_to_quats, multiply_quats
 from .sh import sh_basis
@@ -36,12 +36,8 @@ def select_views(gaussians: Gaussians, views: Iterable[int]) -> Gaussians:
     if not chosen or len(set(chosen)) < len(chosen) or not all(0 <= view < count for view in chosen):
         raise InputError(f"{chosen}, expected different views of 0 to {count - 1}", where="views")
 
-    def layer_views(layer: Gaussians) -> dict[str, Any]:
-        arrays = {name: getattr(layer, name)[chosen] for name in FIELDS}
-        return {**arrays, "cameras": tuple(layer.cameras[view] for view in chosen)}
-
-    extra = tuple(replace(layer, **layer_views(layer)) for layer in gaussians.extra_layers)
-    return replace(gaussians, **layer_views(gaussians), extra_layers=extra)
+    chosen_of = [g.taken(chosen).changed(cameras=tuple(g.cameras[view] for view in chosen)) for g in gaussians.layers]
+    return Gaussians.stacked(chosen_of)
 
 
 def trim_border(gaussians: Gaussians, pixels: int) -> Gaussians:
@@ -95,17 +91,11 @@ def merge(parts: Sequence[Gaussians]) -> Gaussians:
     """All layers of several sets as one list (N,), relative to the first one's origin; notes and viewpoints joined."""
     flats = [part.flat() for part in parts]
     origin = flats[0].origin
-    functions = max(flat.sh.shape[1] for flat in flats)
-    return Gaussians(
-        means=np.concatenate([flat.means + (flat.origin - origin) for flat in flats]),
-        quats=np.concatenate([flat.quats for flat in flats]),
-        scales=np.concatenate([flat.scales for flat in flats]),
-        opacities=np.concatenate([flat.opacities for flat in flats]),
-        sh=np.concatenate([np.pad(f.sh, ((0, 0), (0, functions - f.sh.shape[1]), (0, 0))) for f in flats]),
-        origin=origin,
-        notes=Notes.joined([part.notes for part in parts]),
-        viewpoints=tuple(camera for flat in flats for camera in flat.viewpoints),
-    )
+    moved = [flat.changed(means=flat.means + (flat.origin - origin)) for flat in flats]
+    notes = Notes.joined([part.notes for part in parts])
+    viewpoints = tuple(camera for flat in flats for camera in flat.viewpoints)
+    arrays: dict[str, Any] = joined(moved)
+    return Gaussians(**arrays, origin=origin, notes=notes, viewpoints=viewpoints)
 
 
 def cut_degree(gaussians: Gaussians, degree: int) -> Gaussians:
@@ -113,8 +103,7 @@ def cut_degree(gaussians: Gaussians, degree: int) -> Gaussians:
     if not 0 <= degree <= 4:
         raise InputError(f"{degree}, expected 0 to 4", where="SH degree")
     functions = (degree + 1) ** 2
-    extra = tuple(replace(layer, sh=layer.sh[..., :functions, :]) for layer in gaussians.extra_layers)
-    return replace(gaussians, sh=gaussians.sh[..., :functions, :], extra_layers=extra)
+    return Gaussians.stacked([replace(g, sh=g.sh[..., :functions, :]) for g in gaussians.layers])
 
 
 def similarity(
@@ -162,8 +151,7 @@ def similarity(
 
     # a unit no longer fits what was enlarged
     notes = gaussians.notes if scale == 1 else replace(gaussians.notes, unit="")
-    extra_layers = tuple(move(layer) for layer in gaussians.extra_layers)
-    return replace(move(gaussians), extra_layers=extra_layers, notes=notes)
+    return Gaussians.stacked([move(layer) for layer in gaussians.layers]).with_notes(notes)
 
 
 def rotate_sh(sh: NDArray, rotation: NDArray) -> NDArray:
@@ -197,4 +185,4 @@ def _moved_camera(camera: Camera, rotation: NDArray, scale: float, translation: 
 def _kept(flat: Gaussians, keep: NDArray) -> Gaussians:
     if not keep.any():
         raise InputError(f"none of {len(keep)} Gaussians is left", where="selection")
-    return replace(flat, **{name: getattr(flat, name)[keep] for name in FIELDS})
+    return flat.taken(keep)

@@ -53,5 +53,4 @@ def widened(gaussians: Gaussians, variance: float) -> Gaussians:
         added = np.float64(variance) * np.square(pixels, dtype=np.float64)
         return np.sqrt(np.square(layer.scales, dtype=np.float64) + added[..., None])
 
-    extra = tuple(replace(layer, scales=scales(layer)) for layer in gaussians.extra_layers)
-    return replace(gaussians, scales=scales(gaussians), extra_layers=extra)
+    return Gaussians.stacked([replace(layer, scales=scales(layer)) for layer in gaussians.layers])

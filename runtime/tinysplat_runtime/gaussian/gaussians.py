@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..scene.cameras import MAX_POSITION, Camera
 from .notes import NO_NOTES, Notes
-from .sh import sh_degree
+from .sh import resized_sh, sh_degree
 
 FIELDS: dict[str, tuple[int, ...]] = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (-1, 3)}
 """Arrays of a Gaussian and their trailing shapes; −1 is the number of SH basis functions."""
@@ -125,6 +125,11 @@ class Gaussians:
         """Whether there is one Gaussian per pixel of known cameras."""
         return bool(self.cameras)
 
+    def check_pixels(self) -> None:
+        """InputError for a list."""
+        if not self.is_per_pixel:
+            raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+
     @property
     def layers(self) -> tuple[Gaussians, ...]:
         """All layers, this one first."""
@@ -144,19 +149,18 @@ class Gaussians:
         """All layers as one (N,) set, whose viewpoints the cameras are; lower SH degrees are padded with zeros to the
         highest.
         """
-        functions = max(layer.sh.shape[-2] for layer in self.layers)
-
-        def rows(layer: Gaussians, name: str) -> NDArray:
-            array = getattr(layer, name).reshape(
-                layer.opacities.size, *getattr(layer, name).shape[layer.opacities.ndim :]
-            )
-            if name == "sh" and array.shape[1] < functions:
-                array = np.pad(array, ((0, 0), (0, functions - array.shape[1]), (0, 0)))
-            return array
-
-        arrays = {name: np.concatenate([rows(layer, name) for layer in self.layers]) for name in FIELDS}
+        parts = [layer.changed(**{name: layer.listed(name) for name in FIELDS}) for layer in self.layers]
         viewpoints = self.cameras or self.viewpoints
-        return Gaussians.unchecked(**arrays, origin=self.origin, notes=self.notes, viewpoints=viewpoints)
+        return Gaussians.unchecked(**joined(parts), origin=self.origin, notes=self.notes, viewpoints=viewpoints)
+
+    def listed(self, name: str) -> NDArray:
+        """One of `FIELDS` of this layer alone, (N, …)."""
+        array: NDArray = getattr(self, name)
+        return array.reshape(self.opacities.size, *array.shape[self.opacities.ndim :])
+
+    def taken(self, rows: ArrayLike) -> Gaussians:
+        """Those at `rows` (n,), integer or bool, of the first axis, in this order; cameras stay."""
+        return self.changed(**{name: getattr(self, name)[rows] for name in FIELDS})
 
     def __repr__(self) -> str:
         shape = "x".join(map(str, self.opacities.shape))
@@ -182,6 +186,14 @@ class Gaussians:
     def with_notes(self, notes: Notes) -> Gaussians:
         """The same Gaussians with other words of their maker's."""
         return self.changed(notes=notes)
+
+
+def joined(parts: Sequence[Gaussians]) -> dict[str, NDArray]:
+    """Arrays of several along their first axis, of the highest SH degree among them."""
+    functions = max(part.sh.shape[-2] for part in parts)
+    arrays = {name: [getattr(part, name) for part in parts] for name in FIELDS}
+    arrays["sh"] = [resized_sh(sh, functions) for sh in arrays["sh"]]
+    return {name: np.concatenate(of_all) for name, of_all in arrays.items()}
 
 
 def _float32(name: str, value: ArrayLike) -> NDArray:

@@ -164,6 +164,11 @@ class Channel:
     flat_share: float = 0.12
 
     @property
+    def key(self) -> tuple[PlaneClass, int]:
+        """Its class and target."""
+        return self.plane_class, self.target
+
+    @property
     def name(self) -> str:
         """For messages and reports, for instance `scale1`."""
         return f"{self.plane_class.label}{self.target}"

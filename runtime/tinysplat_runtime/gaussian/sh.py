@@ -46,6 +46,13 @@ def sh_degree(n_functions: int) -> int:
     return degree
 
 
+def resized_sh(sh: NDArray, functions: int) -> NDArray:
+    """Coefficients (…, B, 3) of so many functions: the last are left out, or new ones 0."""
+    kept = sh[..., :functions, :]
+    lacking = functions - kept.shape[-2]
+    return np.pad(kept, [(0, 0)] * (sh.ndim - 2) + [(0, lacking), (0, 0)]) if lacking else kept
+
+
 def band_1(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
     """The three functions of degree 1 at the unit vector (x, y, z)."""
     return -_C1 * y, _C1 * z, -_C1 * x

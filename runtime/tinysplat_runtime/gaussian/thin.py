@@ -13,14 +13,13 @@ Coarse layers, which close holes between surfaces, stay faint where no surface i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
-from ..scene.neighbours import view_places
-from .gaussians import FIELDS, Gaussians
+from ..scene.neighbours import nearest_places, view_places
+from .gaussians import Gaussians
 
 LOOKED_AT = 8
 """Nearest views that a Gaussian is held against."""
@@ -37,21 +36,6 @@ SHOWN = 2
 
 BEHIND = 0.15
 """Share of their opacity that Gaussians of further layers keep: enough to close holes, and little to see in front."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Verdict:
-    """What near views say of Gaussians, each (n,).
-
-    Attributes:
-        borne_out: how many of them have the same surface.
-        before: of how many it lies before the surface.
-        served: how many show it as finely or finer, and come first.
-    """
-
-    borne_out: NDArray
-    before: NDArray
-    served: NDArray
 
 
 def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) -> Gaussians:
@@ -72,8 +56,7 @@ def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) 
     keep = opacities >= 0
     if not keep.any():
         return flat
-    fields = {name: getattr(flat, name)[keep] for name in FIELDS} | {"opacities": opacities[keep]}
-    return Gaussians.unchecked(**fields, origin=flat.origin, notes=flat.notes, viewpoints=flat.viewpoints)
+    return flat.taken(keep).changed(opacities=opacities[keep])
 
 
 def _opacities(
@@ -82,16 +65,21 @@ def _opacities(
     """(n,) float32 opacities of a layer and view, by their numbers; −1 for what goes."""
     number, view = part
     layer, is_surface = gaussians.layers[number], number == 0
-    seen = _judged(layer.means[view].reshape(-1, 3), view, near, gaussians, depths, is_surface)
-    keep = (seen.before <= seen.borne_out) & (seen.served < (shown if is_surface else 1))
+    borne_out, before, served = _judged(layer.means[view].reshape(-1, 3), view, near, gaussians, depths, is_surface)
+    keep = (before <= borne_out) & (served < (shown if is_surface else 1))
     share = np.float32(1 if is_surface else BEHIND)
     return np.where(keep, share * layer.opacities[view].ravel(), np.float32(-1))
 
 
 def _judged(
     means: NDArray, view: int, near: Sequence[int], gaussians: Gaussians, depths: Sequence[NDArray], is_surface: bool
-) -> _Verdict:
-    """What near views say of a view's Gaussians, and of those of further layers its own surface, as fine as any."""
+) -> tuple[NDArray, NDArray, NDArray]:
+    """What near views say of a view's Gaussians, and of those of further layers its own surface, as fine as any.
+
+    Returns:
+        (n,) each: how many of them have the same surface, before how many's surface it lies, and how many show it as
+        finely or finer, and come first.
+    """
     own = _z(means, gaussians.origin, gaussians.cameras[view])
     width = own / gaussians.cameras[view].focal if is_surface else np.full(len(means), np.inf)
     borne_out, before, served = (np.zeros(len(means), np.int32) for _ in range(3))
@@ -106,7 +94,7 @@ def _judged(
         finest = width * (AS_FINE if other < view else 1 / AS_FINE)
         wins = there / camera.focal <= finest
         served += same & wins
-    return _Verdict(borne_out, before, served)
+    return borne_out, before, served
 
 
 def _pixels(means: NDArray, origin: NDArray, camera: Camera) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -136,9 +124,5 @@ def _near(cameras: Sequence[Camera], depths: Sequence[NDArray]) -> list[list[int
     seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
     middle = float(np.median(seen)) if seen.size else 1.0
     places = view_places(cameras, middle, middle)
-    nearest = []
-    for view in range(len(cameras)):
-        distances = np.square(places - places[view]).sum(axis=1)
-        distances[view] = np.inf
-        nearest.append(np.argsort(distances, kind="stable")[: min(LOOKED_AT, len(cameras) - 1)].tolist())
+    nearest: list[list[int]] = nearest_places(places, min(LOOKED_AT, len(cameras) - 1)).tolist()
     return nearest

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.free.octree import morton_keys
+from ..gaussian.curve import morton_keys
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from ..gaussian.sh import C0

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from ..codec.free.encoder import visible
+from ..codec.search import tries
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
@@ -46,20 +47,7 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
 
 def _to_psnr(remover: Remover, target: float) -> Thinned:
     """With the fewest Gaussians found that have so many dB."""
-    worth, best = math.log2(max(remover.worth_at(target), 1e-9)), remover.whole
-    tried: list[tuple[float, float]] = []  # worth, in octaves, and dB above those aimed at, either side of it
-    for _ in range(_TRIALS):
-        found = remover.thin(2**worth)
-        over = found.psnr - target
-        if over >= 0 and found.left_out > best.left_out:
-            best = found
-        if 0 <= over <= TOLERANCE_DB:
-            break
-        above = over - TOLERANCE_DB / 2
-        tried = [one for one in tried if (one[1] > 0) != (above > 0)] + [(worth, above)]
-        if len(tried) == 2:
-            (near, low), (far, high) = tried
-            worth = near + (far - near) * min(max(low / (low - high), 0.1), 0.9)
-        else:
-            worth += above / _DB_PER_DOUBLING
-    return best
+    octaves = math.log2(max(remover.worth_at(target), 1e-9))
+    wanted = target, target + TOLERANCE_DB, _DB_PER_DOUBLING
+    found = tries(lambda worth: remover.thin(2**worth), lambda one: one.psnr, *wanted, start=octaves, count=_TRIALS)
+    return max((one.data for one in found if one.score >= target), key=lambda one: one.left_out, default=remover.whole)

@@ -170,7 +170,7 @@ class Remover:
         self._prices[self._present[gone]] = np.maximum(costs[gone], self._dearest)
         self._dearest = max(self._dearest, float(costs[gone[-1]]))
         self._present, self._costs = self._present[rest], self._costs[rest]
-        left, half = taken(replace(self._all, sh=self._sh), self._present), self._rounds % 2
+        left, half = replace(self._all, sh=self._sh).taken(self._present), self._rounds % 2
         seen = self._look(left, self._halves[half])
         self._costs[:, half] = seen.costs
         self._sh[self._present] = self._recoloured(left, seen, self._halves[half], ())
@@ -181,7 +181,7 @@ class Remover:
         gone = np.setdiff1d(np.arange(self._prices.size), rows)
         # Of what hardly showed, half is left alone: it may lie hidden behind what it would be merged into.
         shown = gone[np.argsort(self._prices[gone], kind="stable")[gone.size // 2 :]]
-        left = taken(replace(self._all, sh=self._sh), rows)
+        left = replace(self._all, sh=self._sh).taken(rows)
         if shown.size:
             both = [self.recoloured(one, penalties) for one in (left, merged(self._all, rows, np.sort(shown)))]
             left = max(both, key=self._judges.psnr)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.encoder import EncodeStats
 from ..codec.free.encoder import FreeEncoder, visible
+from ..codec.job import EncodeStats
 from ..codec.profiles import Profile
 from ..codec.search import Coder
 from ..gaussian.gaussians import Gaussians

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..codec.free.levels import LEAST_COUNT, LEVELS, Tiers
 from ..gaussian.gaussians import Gaussians
-from .removal import Remover, Thinned, taken
+from .removal import Remover, Thinned
 
 GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56, 0.74, 0.94)
 """What is tried for logarithms of scales where later tiers are absent."""
@@ -24,7 +24,7 @@ def tiers_of(remover: Remover, thinned: Thinned) -> Tiers:
     for number in range(len(LEVELS) - 2, -1, -1):
         kept = remover.dearest(thinned.rows, int(LEVELS[number].share * count))
         numbers[kept] = number
-        growths.append(_growth(remover, taken(thinned.gaussians, kept)))
+        growths.append(_growth(remover, thinned.gaussians.taken(kept)))
     return Tiers(LEVELS, numbers, tuple(reversed(growths)))
 
 

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
-from ..codec.encoder import EncodeStats
+from ..codec.job import EncodeStats, PhotoScene
 from ..codec.modes import DEFAULT_MODE
-from ..codec.modes.mode import PhotoScene
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..refine.stats import RefineStats
 from ..scene.scenes import Scene

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..container.exact import Exact
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
+from ..container.planes import Planes
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats import SH_BITS, SPZ_VERSION
@@ -309,11 +311,11 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
         return code(gaussians, Coding(keep_all=keep_all), tools)
     data = read_limited(source, MAX_FILE_BYTES)
     container = read_container(data, tools.limits)
-    if container.mode == "lossless":
+    if isinstance(container.body, Exact):
         return code(gaussians, Coding(lossless=gaussians.is_per_pixel), tools)
     turns = request.rotate is not None and gaussians.degree > 0  # a basis of SH does not turn along
     # Where the scene grew, steps of depth did not grow along.
     keeps_pixels = request.views is None and request.scale == 1
-    if container.mode != "gaussians" or not gaussians.is_per_pixel or turns or not keeps_pixels:
+    if not isinstance(container.body, Planes) or not gaussians.is_per_pixel or turns or not keeps_pixels:
         return code(gaussians, Coding(container.profile, container.qp, keep_all=keep_all), tools)
     return code(gaussians, Coding(like=data), tools)

@@ -42,7 +42,7 @@ def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> dict[st
     assert coded.gaussians is not None
     # Gaussians of no pixels come back in another order, and not all of them.
     errors = {}
-    if coded.stats.mode != "free":
+    if coded.gaussians.is_per_pixel:
         decoded = decode_gaussians(coded.data, tools.store, threads=tools.threads, limits=tools.limits, model=model)
         errors = attribute_errors(coded.gaussians, decoded)
     return {

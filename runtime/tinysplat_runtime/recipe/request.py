@@ -86,7 +86,7 @@ class Coding:
                 raise InputError(fault, where="profile")
         find_profile(self.profile or DEFAULT_PROFILE)
         if self.qp is not None:
-            from ..codec.encoder import check_qp  # and with it numpy, which a default needs no more than a word does
+            from ..codec.job import check_qp  # and with it numpy, which a default needs no more than a word does
 
             check_qp(self.qp)
 

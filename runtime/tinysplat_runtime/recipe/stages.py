@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..codec.decoder import decode_gaussians
-from ..codec.encoder import EncodeStats
+from ..codec.job import EncodeStats, Job, PhotoScene
 from ..codec.modes import AUTO, DEFAULT_MODE
 from ..codec.modes.choice import choose
-from ..codec.modes.mode import Job, PhotoScene
 from ..codec.modes.registry import MODES
 from ..codec.recode import encode_like
 from ..codec.search import Coder, code_to_psnr, code_to_size
+from ..container.exact import Exact
+from ..container.photos import Photos
+from ..container.planes import Planes
+from ..container.points import Points
 from ..container.records import Limits
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
@@ -165,13 +168,13 @@ def code(
         raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="mode")
     seconds = stats.watch.seconds.get("network", 0.0)
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, photos=photos)
-    stats.mode = coding.mode
+    mode = MODES[Photos.mode if coding.mode == AUTO else coding.mode]
+    data, stats.mode = mode.encode(job), mode.name
     if coding.mode != AUTO:
-        return MODES[coding.mode].encode(job)
-    data = MODES["photos"].encode(job)
+        return data
     planes = _planes(gaussians, coding, tools, stats)
     stats.mode, stats.reason = choose(planes, data, photos.network, seconds)
-    return data if stats.mode == "photos" else planes
+    return data if stats.mode == mode.name else planes
 
 
 def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeStats) -> bytes:
@@ -188,9 +191,10 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
             stats=stats,
         )
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
-    mode = MODES["lossless" if coding.lossless else DEFAULT_MODE if gaussians.is_per_pixel else "free"]
+    body = Exact if coding.lossless else Planes if gaussians.is_per_pixel else Points
+    mode = MODES[body.mode]
     stats.mode = stats.mode if mode.name == DEFAULT_MODE else mode.name
-    thins = mode.name == "free" and not coding.keep_all
+    thins = body is Points and not coding.keep_all
     if mode.coder is None or not (thins or coding.target_size or coding.target_psnr is not None):
         return mode.encode(job)
     coder = _thinning(job) if thins else mode.coder(job)

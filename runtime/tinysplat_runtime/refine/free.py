@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, Comparer, PhotoError, Target
 from ..render.kernels_blend import Visible
@@ -112,9 +112,7 @@ class FreeGaussians:
 
     def kept(self, keep: NDArray) -> FreeGaussians:
         """Those of a mask (N,) bool, as they are now."""
-        found = self.gaussians()
-        fields: dict[str, Any] = {name: getattr(found, name)[keep] for name in FIELDS}
-        return FreeGaussians(replace(found, **fields), self._units[keep], self._run)
+        return FreeGaussians(self.gaussians().taken(keep), self._units[keep], self._run)
 
     def measure(self, target: Target, *, gradient: NDArray | None = None, weight: float = 1.0) -> PhotoError:
         """Draw a picture as 3DGS defines and hold it against a target.

@@ -30,8 +30,7 @@ def matched(gaussians: Gaussians, scene: Scene) -> Scene:
     Raises:
         InputError: a list, or a view whose pose or intrinsics no frame has.
     """
-    if not gaussians.is_per_pixel:
-        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    gaussians.check_pixels()
     if len(gaussians.cameras) < 2:
         raise InputError("one view, expected two or more: one photo says nothing about depth", where="gaussians")
     reach = reach_of(gaussians.cameras)

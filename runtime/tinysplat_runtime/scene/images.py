@@ -277,11 +277,11 @@ def _upsample_chroma(plane: NDArray, shape: tuple[int, ...]) -> NDArray:
     samples, gain = plane.astype(np.uint16), 1
     for axis in (0, 1):
         while samples.shape[axis] < shape[axis]:
-            samples, gain = _double(samples, axis), 4 * gain
+            samples, gain = doubled(samples, axis), 4 * gain
     return ((samples[: shape[0], : shape[1]] + gain // 2) // gain).astype(np.uint8)
 
 
-def _double(samples: NDArray, axis: int) -> NDArray:
+def doubled(samples: NDArray, axis: int) -> NDArray:
     """Twice as many samples along one axis of a plane, each 3 × the nearest + 1 × the next: four times the values."""
     padded = np.pad(samples, [(int(a == axis),) * 2 for a in (0, 1)], mode="edge")
     before, after = (padded[:-2], padded[2:]) if axis == 0 else (padded[:, :-2], padded[:, 2:])

@@ -85,7 +85,7 @@ class Neighbours:
         """
         places = view_places(cameras, near, far)
         partners: list[tuple[int, ...]] = []
-        for v, nearest in enumerate(_nearest(places, min(CANDIDATES, len(cameras) - 1))):
+        for v, nearest in enumerate(nearest_places(places, min(CANDIDATES, len(cameras) - 1))):
             points = points_seen(cameras[v], near, far)
             own = [
                 int(u)
@@ -208,7 +208,7 @@ def _cover(sets: Sequence[set[int]], costs: Sequence[float]) -> list[int]:
     return chosen
 
 
-def _nearest(places: NDArray, count: int) -> NDArray:
+def nearest_places(places: NDArray, count: int) -> NDArray:
     """(V, count) int64: the nearest other places of each, nearest first, of two at one distance the first."""
     nearest = np.empty((len(places), count), np.int64)
     for start in range(0, len(places), _ROWS):

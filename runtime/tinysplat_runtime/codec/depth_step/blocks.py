@@ -34,6 +34,11 @@ def dct(blocks: NDArray, matrix: NDArray = DCT) -> NDArray:
     return np.einsum("li,kin->kln", matrix, np.einsum("kj,jin->kin", matrix, blocks))
 
 
+def whole_steps(scaled: NDArray) -> NDArray:
+    """Numbers of steps, float of any shape, as whole ones that the codec might choose."""
+    return np.sign(scaled) * np.floor(np.abs(scaled) + DEAD_ZONE)
+
+
 @dataclass(frozen=True, eq=False)
 class BlockSpectrum:
     """DCT coefficients of 8 × 8 blocks of planes (V, H, W), which are padded to whole blocks by repetition.
@@ -72,9 +77,9 @@ class BlockSpectrum:
             by_block = offsets[view, (row * share).astype(int), (column * share).astype(int)]
             steps = steps * np.exp2(by_block.astype(np.float32) / 6)
         scaled = self.coefficients / steps
-        levels = np.sign(scaled) * np.floor(np.abs(scaled) + np.float32(DEAD_ZONE))
         views, height, width = self.shape
         error = np.zeros((views, -(-height // SIDE), SIDE, -(-width // SIDE), SIDE), np.float32)
-        error[self.at[0], self.at[1], :, self.at[2]] = np.moveaxis(dct((levels - scaled) * steps, DCT.T), -1, 0)
+        rounding = dct((whole_steps(scaled) - scaled) * steps, DCT.T)
+        error[self.at[0], self.at[1], :, self.at[2]] = np.moveaxis(rounding, -1, 0)
         whole = error.reshape(views, error.shape[1] * SIDE, error.shape[3] * SIDE)
         return whole[:, :height, :width]

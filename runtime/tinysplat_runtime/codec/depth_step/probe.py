@@ -73,15 +73,12 @@ class Probe:
             self._shots = self._run(lambda stripe: _Shot(layers, inverse, shown, stripe), chosen)
         here, whole = (sum(shot.shown[i] for shot in self._shots) for i in range(2))
         share = whole / here if here > 0 else 1.0
-        self.reached = [self._blocks(index, planes.shape) for index, planes in enumerate(inverse)]
-        self._share = min(max(share, 1 / _LARGEST_SHARE), _LARGEST_SHARE) / len(self._shots)
-
-    def _blocks(self, layer: int, shape: tuple[int, ...]) -> NDArray:
-        found = np.zeros((shape[0], -(-shape[1] // SIDE), -(-shape[2] // SIDE)), bool)
+        self.reached = [np.zeros((len(p), -(-p.shape[1] // SIDE), -(-p.shape[2] // SIDE)), bool) for p in inverse]
         for shot in self._shots:
-            view, row, column = shot.chosen[layer].at
-            found[view, row // SIDE, column // SIDE] = True
-        return found
+            for reached, chosen_there in zip(self.reached, shot.chosen, strict=True):
+                view, row, column = chosen_there.at
+                reached[view, row // SIDE, column // SIDE] = True
+        self._share = min(max(share, 1 / _LARGEST_SHARE), _LARGEST_SHARE) / len(self._shots)
 
     def damage(self, errors: Sequence[NDArray]) -> float:
         """Mean squared difference of the pictures with `errors`, (V, H, W) float32, added to −1/z of every layer."""
@@ -159,7 +156,7 @@ class _Shot:
         self.shown = tuple(sum(chosen.shown[i] for chosen in self.chosen) for i in range(2))
         self._picture = self._render([chosen.arrays for chosen in self.chosen])
 
-    def damage(self, errors: Sequence[NDArray], change: _Change = _Selection.moved) -> float:
+    def damage(self, errors: Sequence[NDArray], change: _Change) -> float:
         """See `Probe.damage`."""
         changed = [change(chosen, error) for chosen, error in zip(self.chosen, errors, strict=True)]
         return float(np.square(self._render(changed) - self._picture).mean(dtype=np.float64))

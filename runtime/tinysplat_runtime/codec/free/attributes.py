@@ -14,11 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...container.free import MAX_EXPONENT
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats, quats_to_matrices
-
-MAX_LOG = 69.0
-"""Bound of decoded logarithms."""
 
 LEAST_SCALE = 2e-30
 MAX_RATIO = 14.0
@@ -54,7 +52,7 @@ class Columns:
     def as_spheres(self) -> Columns:
         """Of the same volumes, as nobody knows how they are turned."""
         none = np.zeros_like(self.sizes)
-        lengths, thins = np.clip(self.lengths, 0, MAX_LOG), np.clip(self.thins, 0, MAX_LOG)
+        lengths, thins = np.clip(self.lengths, 0, MAX_EXPONENT), np.clip(self.thins, 0, MAX_EXPONENT)
         return replace(self, sizes=self.sizes - lengths / 6 - thins / 3, lengths=none, thins=none)
 
 
@@ -92,11 +90,11 @@ def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
     `growth` is added to logarithms of scales.
     """
     count = len(columns.roots)
-    lengths, thins = np.clip(columns.lengths, 0, MAX_LOG), np.clip(columns.thins, 0, MAX_LOG)
+    lengths, thins = np.clip(columns.lengths, 0, MAX_EXPONENT), np.clip(columns.thins, 0, MAX_EXPONENT)
     second = columns.sizes - lengths / 2
     scales, quats = np.empty((count, 3), np.float32), np.empty((count, 4), np.float32)
     for axis, logs in enumerate((columns.sizes + lengths / 2, second, second - thins)):
-        scales[:, axis] = np.exp(np.clip(logs + growth, -MAX_LOG, MAX_LOG))
+        scales[:, axis] = np.exp(np.clip(logs + growth, -MAX_EXPONENT, MAX_EXPONENT))
     x, y, z = columns.turns.T
     scalar = np.sqrt(np.maximum(1 - (x * x + y * y + z * z), 0))
     length = np.sqrt(scalar * scalar + x * x + y * y + z * z)
@@ -118,19 +116,7 @@ def companded(sizes: NDArray, middle: float) -> NDArray:
 
 
 def expanded(values: NDArray, middle: float) -> NDArray:
-    """Inverse of `companded`, of float numbers of any shape; within ±`MAX_LOG`."""
+    """Inverse of `companded`, of float numbers of any shape; within ±`MAX_EXPONENT`."""
     near = 2 * np.log(np.clip(values, 1 / 4, 16) / 2)
     x = near + np.minimum(values - 1 / 4, 0) * 8 + np.maximum(values - 16, 0) / 8
-    return np.clip(x + middle, -MAX_LOG, MAX_LOG)
-
-
-def contracted(offsets: NDArray) -> NDArray:
-    """Coordinates, float of any shape, 1 where the scene's bulk ends, with logarithms beyond."""
-    far = np.maximum(np.abs(offsets), 1)
-    return np.where(far > 1, np.sign(offsets) * (1 + np.log(far)), offsets)
-
-
-def uncontracted(values: NDArray) -> NDArray:
-    """Inverse of `contracted`, float of any shape."""
-    far = np.maximum(np.abs(values), 1)
-    return np.where(far > 1, np.sign(values) * np.exp(far - 1), values)
+    return np.clip(x + middle, -MAX_EXPONENT, MAX_EXPONENT)

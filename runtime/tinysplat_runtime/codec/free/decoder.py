@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.body import Container
 from ...container.free import DETERMINING, order_of
-from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid
+from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier
 from ...errors import FormatError
+from ...gaussian.curve import cells_of
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import PlaneClass
 from ...system.blas import product
+from ...system.threads import Crew
 from ..hevc import CodedPlane
-from ..missing import PlaneRef
-from .attributes import Columns, expanded, from_columns, uncontracted
-from .octree import cells_of, decode_points
+from ..layers import OpenFile
+from .attributes import Columns, expanded, from_columns
+from .grid import means_of
+from .octree import decode_points
 from .orders import Order, along_the_curve, channel_values, order_by, reached
 from .planes import plane_shape
 
@@ -30,26 +31,16 @@ _ROWS = 1 << 16
 class _Tier:
     """A tier, and which of its channels have pictures that are not at hand."""
 
-    container: Container
-    scene: FreeScene
+    file: OpenFile
     number: int
+    own: FreeTier
     absent: frozenset[ChannelRecord]
-
-    @property
-    def own(self) -> FreeTier:
-        """What the file says of it."""
-        return self.scene.tiers[self.number]
 
     @property
     def is_present(self) -> bool:
         """Whether it is shown: the first one wherever its positions are, others if only rotations lack."""
         is_placed = len(self.own.grid.streams) > 0
         return is_placed and (self.number == 0 or all(r.plane_class == PlaneClass.ROTATION for r in self.absent))
-
-    @property
-    def is_of_spheres(self) -> bool:
-        """Whether its Gaussians are shown without being turned."""
-        return len(self.scene.tiers) > 1 and any(r.plane_class == PlaneClass.ROTATION for r in self.absent)
 
     def values(self, channel: FreeChannel, order: Order) -> NDArray:
         """A channel's numbers, (count,) float64 by the curve."""
@@ -58,41 +49,38 @@ class _Tier:
             return np.full(self.own.count, channel.centre)
         if not record.streams:
             return channel_values(channel, None, order)
-        payload = bytes(self.container.pictures.payload(self.number, record, 0))
-        picture = CodedPlane(self.container.parameter_sets[self.number], payload)
+        container = self.file.container
+        payload = bytes(container.pictures.payload(self.number, record, 0))
+        picture = CodedPlane(container.parameter_sets[self.number], payload)
         return channel_values(channel, picture.decoded(*plane_shape(len(order.rows))), order)
 
 
-def decode_free(container: Container, scene: FreeScene, missing: Collection[PlaneRef], threads: int) -> Gaussians:
-    """The Gaussians of a file, tier by tier.
+def decode_free(file: OpenFile, scene: FreeScene) -> Gaussians:
+    """The Gaussians of a file, of whose body the scene is, tier by tier.
 
-    Args:
-        container: of mode free.
-        scene: what its body says.
-        missing: pictures that are not at hand. What stands in for them, and which tiers are left out, says FORMAT.md.
-        threads: pictures decoded at a time.
+    What stands in for pictures that are missing, and which tiers are left out, says FORMAT.md.
 
     Raises:
         FormatError: damaged; or of the first tier the positions or a picture that the order of others depends on lack.
     """
     tiers = []
     for number, tier in enumerate(scene.tiers):
-        absent = frozenset(tier.channels[ref.channel].record for ref in missing if ref.layer == number)
-        tiers.append(_Tier(container, scene, number, absent))
+        absent = frozenset(tier.channels[ref.channel].record for ref in file.missing if ref.layer == number)
+        tiers.append(_Tier(file, number, tier, absent))
     present = next((tier.number for tier in tiers if not tier.is_present), len(tiers))
     if not present:
         raise FormatError("holds no positions", where="file")
     growth = scene.tiers[present].growth if present < len(tiers) else 0.0
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        parts = [_decode_tier(tier, growth, pool) for tier in tiers[:present]]
+    crew = Crew(file.threads)
+    parts = [_decode_tier(scene, tier, growth, crew) for tier in tiers[:present]]
     names = parts[0].keys()
     fields = parts[0] if present == 1 else {name: np.concatenate([part[name] for part in parts]) for name in names}
-    return Gaussians.unchecked(**fields, origin=container.origin)
+    return Gaussians.unchecked(**fields, origin=file.container.origin)
 
 
-def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArray]:
+def _decode_tier(scene: FreeScene, tier: _Tier, growth: float, crew: Crew) -> dict[str, NDArray]:
     """The arrays of one tier's Gaussians."""
-    scene, own, grid = tier.scene, tier.own, tier.own.grid
+    own, grid = tier.own, tier.own.grid
     keys = decode_points(grid.streams, grid.levels, grid.leaves, grid.escapes, own.count)
     means = means_of(grid, cells_of(keys))
     found: dict[tuple[PlaneClass, int], NDArray] = {}
@@ -103,14 +91,16 @@ def _decode_tier(tier: _Tier, growth: float, pool: Executor) -> dict[str, NDArra
             lacking = f"holds no intact picture of {channel.record.name}, by which others are sorted"
             raise FormatError(lacking, where="file")
         found[name] = tier.values(channel, orders[place])
-        counts += reached([found[name]], scene.thresholds[place : place + 1])
+        counts += reached(found[name], scene.thresholds[place])
         orders.append(order_by(counts, scene.orders[place]))
     rest = {c.record.key: c for c in own.channels}
     rest = {name: channel for name, channel in rest.items() if name not in found}
     jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]
-    found |= dict(zip(rest, pool.map(lambda job: tier.values(*job), jobs), strict=True))
+    found |= dict(zip(rest, crew.map(lambda job: tier.values(*job), jobs), strict=True))
     columns = columns_of(found, scene.size_middle, scene.mean, scene.basis)
-    return {"means": means, **from_columns(columns.as_spheres() if tier.is_of_spheres else columns, growth)}
+    if len(scene.tiers) > 1 and any(record.plane_class == PlaneClass.ROTATION for record in tier.absent):
+        columns = columns.as_spheres()
+    return {"means": means, **from_columns(columns, growth)}
 
 
 def columns_of(
@@ -126,12 +116,6 @@ def columns_of(
         turns=np.stack([channels[PlaneClass.ROTATION, target] for target in range(3)], axis=1),
         sh=_coefficients(len(channels[PlaneClass.OPACITY, 0]), mean, basis, colours),
     )
-
-
-def means_of(grid: PointGrid, cells: NDArray) -> NDArray:
-    """(N, 3) float32 positions of (N, 3) cells."""
-    space = grid.low + cells * grid.cell
-    return np.ascontiguousarray(grid.centre + grid.radius * uncontracted(space), np.float32)
 
 
 def _coefficients(count: int, mean: NDArray, basis: NDArray, components: list[NDArray]) -> NDArray:

@@ -12,31 +12,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import DETERMINING, MAX_LEVELS, MAX_PER_BYTE, free_sections, order_of, range_fault
+from ...container.free import DETERMINING, MAX_EXPONENT, MAX_PER_BYTE, free_sections, order_of, range_fault
 from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid, WeightClasses
 from ...container.viewpoints import viewpoint_sections
 from ...container.writer import write_container
 from ...errors import InputError
+from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
 from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
-from ..encoder import EncodeStats, check_qp
-from ..hevc import encode_plane
+from ...system.threads import Crew
+from ..basis import leading_signs
+from ..depth_step.blocks import whole_steps
+from ..hevc import CodedPlane, encode_plane
+from ..job import EncodeStats, check_qp
 from ..profiles import EncoderSettings, Profile
-from ..quantise import choose_code_map, without_outliers
+from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder
-from .attributes import KNEE, LEAST_SCALE, MAX_LOG, Columns, companded, contracted, from_columns, to_columns
-from .decoder import columns_of, means_of
+from .attributes import KNEE, LEAST_SCALE, Columns, companded, from_columns, to_columns
+from .decoder import columns_of
 from .evenness import is_uneven, sizes_about
+from .grid import cells_in, grid_of, means_of, with_cell
 from .levels import WHOLE, Level, Tiers
-from .octree import encode_points, morton_keys
+from .octree import encode_points
 from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
 from .planes import to_plane
 
@@ -58,12 +62,6 @@ COLOUR_STEPS = (0.33, 0.165, 0.165)
 which varies little: a step that rounds it away tints whole surfaces, and neighbours' errors do not cancel.
 """
 
-SPACING = 0.5
-"""Cell at Q_g = 0 times √N, in units of the scene's radius: the more Gaussians, the less each may be off."""
-
-CELL_BY_SIZE = 0.48
-"""Cell of a place at Q_g = 0, in sizes of Gaussians: about what `SPACING` comes to in objects."""
-
 ROUND, LONGEST, COARSEST_TURN = 1.5, 80, 16.0
 """How a round Gaussian is turned does not show: steps of rotation are as many times coarser as the logarithm of the
 ratio of the largest to the smallest scale, in this percentile of Gaussians, goes into the first number; at most so
@@ -83,11 +81,6 @@ not cancel.
 SIZES_IN_PLACES = 5.6
 """The same of sizes, whose steps are an eighth of what is said here: `_far_below`."""
 
-FINEST, RADII = 5, 9
-"""One of so many Gaussians of a place is of its finest part; and radii of its grid that are tried, in octaves."""
-
-MAX_CELL = 0.25
-
 MAX_VALUE = 1e30
 """Largest number of a mean, a scale or an SH coefficient that is looked at: as large as a decoded one may be."""
 
@@ -101,11 +94,11 @@ FLAT_SHARE = 0.12
 COLOUR_SHARE = 0.25
 """The same below which a component of colour behind the third is left out: its column of the basis takes bytes too."""
 
-BULK = (5, 95)
-"""Percentiles between which the scene's bulk lies, along each axis."""
+ROOT_THRESHOLDS = np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
+"""Half octaves of √opacity, from that of the least opacity that shows."""
 
-DEAD_ZONE = 1 / 3
-"""What is added before a number of steps is cut to a whole one where x265's choice is only estimated."""
+LENGTH_THRESHOLDS = (np.arange(1, 5) * math.log(2)).astype(np.float32)
+"""Half octaves of the square root of length over width; none beyond √20, where errors stop growing."""
 
 MOST_VIEWPOINTS = 64
 """Cameras of photos that a file keeps; of more, those that lie far from one another."""
@@ -116,30 +109,31 @@ _ROWS = 1 << 16
 
 @dataclass(frozen=True)
 class _Coded:
-    """A channel in the file, and (N,) float64 what a decoder makes of it, by the curve."""
+    """A channel in the file, its picture unless it is a number, and (N,) float64 what a decoder makes of it."""
 
     channel: FreeChannel
-    payload: bytes | None
-    parameter_sets: bytes
+    picture: CodedPlane | None
     values: NDArray
 
 
 @dataclass(frozen=True)
-class _PlacedTier:
-    """Gaussians of a tier: where they lie, and their channels along the curve."""
+class _Tier:
+    """Gaussians of a tier along the curve.
+
+    Attributes:
+        level: how it is made.
+        grid, cells: where they lie.
+        columns: their channels.
+        coded: those that are coded so far.
+        orders: what follows from these.
+    """
 
     level: Level
     grid: PointGrid
     cells: NDArray
     columns: Columns
-
-
-@dataclass(frozen=True)
-class _Shape:
-    """All channels of a tier but its colours, and the orders that follow from them."""
-
-    coded: list[_Coded]
-    orders: list[Order]
+    coded: list[_Coded] = field(default_factory=list)
+    orders: list[Order] = field(default_factory=list)
 
 
 class FreeEncoder(Coder):
@@ -158,7 +152,7 @@ class FreeEncoder(Coder):
         """Leave out what no renderer shows.
 
         Args:
-            gaussians: any; `tiers` are those of `flat()` of them.
+            gaussians: any; with `tiers`, a list.
             profile: how planes are coded.
             threads: pictures coded at a time.
             stats: filled with seconds.
@@ -168,16 +162,13 @@ class FreeEncoder(Coder):
         Raises:
             InputError: no Gaussian shows; or numbers beyond what a file can hold.
         """
-        flat = gaussians.flat()
-        _check_values(flat)
-        rows = np.flatnonzero(flat.opacities >= LEAST_OPACITY)
-        self._gaussians = _selected(flat, rows)
-        self._tiers = tiers.of(rows) if tiers else Tiers.whole(len(rows))
+        self._gaussians = visible(gaussians)
+        whole = Tiers.whole(self._gaussians.count)
+        self._tiers = tiers.of(gaussians.opacities >= LEAST_OPACITY) if tiers else whole
         self._recolour = recolour
         sizes = sizes_about(self._gaussians)
         self._sizes = sizes if is_uneven(sizes) else None
         self._turn = _turn_step(self._gaussians)
-        self.notes = gaussians.notes
         self.profile, self._threads, self._stats = profile, threads, stats
         # Order by weight leaves no blocks that have QPs of their own.
         self._settings = replace(profile.encoder, block_qps=False)
@@ -197,19 +188,19 @@ class FreeEncoder(Coder):
         check_qp(qp)
         factor = steps * 2 ** (qp / 6)
         with self._stats.watch.stage("sort"):
-            placed = self._placed(factor)
+            tiers = self._placed(factor)
         with self._stats.watch.stage("x265"):
-            scene, coded = self._coded(placed, factor, self._settings)
+            scene = self._coded(tiers, factor, self._settings)
         fault = range_fault(scene)
         if fault is not None:
             raise InputError(fault[1], where=fault[0])
-        payloads = [{c.channel.record.key: c.payload for c in tier if c.payload is not None} for tier in coded]
-        sets = [next((c.parameter_sets for c in tier if c.payload is not None), b"") for tier in coded]
+        pictures = [{c.channel.record.key: c.picture for c in tier.coded if c.picture} for tier in tiers]
+        payloads = [{key: picture.payload for key, picture in own.items()} for own in pictures]
+        sets = [next((picture.parameter_sets for picture in own.values()), b"") for own in pictures]
         with self._stats.watch.stage("write"):
-            sections = free_sections(scene, payloads, sets)
-            origin = self._gaussians.origin
-            sections = [*viewpoint_sections(spread(self._gaussians.viewpoints, MOST_VIEWPOINTS), origin), *sections]
-            data = write_container([], (), origin, self.profile.name, qp, sections, notes=self.notes)
+            origin, viewpoints = self._gaussians.origin, spread(self._gaussians.viewpoints, MOST_VIEWPOINTS)
+            sections = [*viewpoint_sections(viewpoints, origin), *free_sections(scene, payloads, sets)]
+            data = write_container([], (), origin, self.profile.name, qp, sections, notes=self._gaussians.notes)
         if scene.count > MAX_PER_BYTE * len(data):
             found = f"{scene.count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
             raise InputError(found, where="qp")
@@ -221,128 +212,62 @@ class FreeEncoder(Coder):
         Without x265 and the octree's bytes, which take most of the time.
         """
         factor = steps * 2 ** (qp / 6)
-        grid, space = _grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
-        placed = _PlacedTier(WHOLE[0], grid, _cells(grid, space), to_columns(self._gaussians))
-        scene, (coded,) = self._coded([placed], factor, None)
-        return _decoded(placed, coded, scene, self._gaussians.origin)
+        grid, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
+        tiers = [_Tier(WHOLE[0], grid, cells_in(grid, space), to_columns(self._gaussians))]
+        scene = self._coded(tiers, factor, None)
+        fields = _decoded(tiers, scene.size_middle, scene.mean, scene.basis)
+        return Gaussians.unchecked(**fields, origin=self._gaussians.origin)
 
-    def _placed(self, factor: float) -> list[_PlacedTier]:
+    def _placed(self, factor: float) -> list[_Tier]:
         """Tiers with their positions coded, each along the curve."""
-        means = self._gaussians.means.astype(np.float64)
-        whole, space = _grid_of(means, self._sizes, factor)
+        whole, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
         placed = []
         for number, level in enumerate(self._tiers.levels):
             rows = np.flatnonzero(self._tiers.numbers == number)
-            grid = _with_cell(whole, whole.cell * level.cell, space)
-            cells = _cells(grid, space[rows])
-            tier = _selected(self._gaussians, rows)
+            grid = with_cell(whole, whole.cell * level.cell, space)
+            cells, tier = cells_in(grid, space[rows]), self._gaussians.taken(rows)
             keys = morton_keys(cells)
             order = _settled_order(keys, tier)
             points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
-            leaves, escapes = points.leaves, points.escapes
-            grid = replace(grid, levels=points.levels, leaves=leaves, escapes=escapes, streams=points.streams)
-            placed.append(_PlacedTier(level, grid, cells[order], to_columns(_selected(tier, order))))
+            placed.append(_Tier(level, replace(grid, **vars(points)), cells[order], to_columns(tier.taken(order))))
         return placed
 
-    def _coded(
-        self, placed: Sequence[_PlacedTier], factor: float, settings: EncoderSettings | None
-    ) -> tuple[FreeScene, list[list[_Coded]]]:
-        """The scene, and the channels of each tier in the order of records; without settings rounded alone."""
-        code = _ChannelCoder(factor, settings, self._threads, self.is_even, self._turn)
-        sizes = np.concatenate([tier.columns.sizes for tier in placed])
+    def _coded(self, tiers: Sequence[_Tier], factor: float, settings: EncoderSettings | None) -> FreeScene:
+        """The scene, and in each tier its channels in the order of records; without settings rounded alone."""
+        code = _ChannelCoder(factor, settings, Crew(self._threads), self.is_even, self._turn)
+        sizes = np.concatenate([tier.columns.sizes for tier in tiers])
         middle = _middle(sizes) if self.is_even else _far_below(sizes)
-        shapes_of = [(tier.columns, tier.level.steps) for tier in placed]
-        thresholds, weights, shapes = _code_shapes(shapes_of, middle, code)
-        sh = np.concatenate([tier.columns.sh for tier in placed])
-        none = np.zeros(3, np.float32), np.zeros((3, 0), np.float16)
+        thresholds, weights = _code_shapes(tiers, middle, code)
+        sh = np.concatenate([tier.columns.sh for tier in tiers])
         if self._recolour and settings is not None:
-            grey = FreeScene(0, middle, thresholds, weights, *none, ())
-            parts = [_decoded(p, s.coded, grey, self._gaussians.origin) for p, s in zip(placed, shapes, strict=True)]
-            arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS if name != "sh"}
-            whole = Gaussians.unchecked(**arrays, sh=sh.reshape(len(sh), -1, 3), origin=self._gaussians.origin)
-            sh = self._recolour(whole).reshape(len(sh), -1)
-        gains = np.concatenate([shape.orders[2].gains for shape in shapes])
+            fields = _decoded(tiers, middle, np.zeros(3, np.float32), np.zeros((3, 0), np.float16))
+            fields["sh"] = sh.reshape(len(sh), -1, 3)
+            sh = self._recolour(Gaussians.unchecked(**fields, origin=self._gaussians.origin)).reshape(len(sh), -1)
+        gains = np.concatenate([tier.orders[2].gains for tier in tiers])
         mean, basis, components = _colours(sh, gains, factor if self.is_even else factor * IN_PLACES[PlaneClass.COLOR])
-        ends = np.cumsum([len(tier.cells) for tier in placed])
-        tiers, coded = [], []
-        for number, (tier, shape) in enumerate(zip(placed, shapes, strict=True)):
-            part = slice(ends[number] - len(tier.cells), ends[number])
+        ends, coded = np.cumsum([len(tier.cells) for tier in tiers]), []
+        for number, (tier, end) in enumerate(zip(tiers, ends, strict=True)):
+            part = slice(end - len(tier.cells), end)
             jobs = [(PlaneClass.COLOR, target, values[part]) for target, values in enumerate(components)]
-            channels = [*shape.coded, *code.all(jobs, shape.orders, tier.level.steps)]
-            channels.sort(key=lambda c: c.channel.record.key)
+            tier.coded.extend(code.all(jobs, tier))
+            tier.coded.sort(key=lambda c: c.channel.record.key)
             growth = self._tiers.growths[number - 1] if number else 0.0
-            tiers.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in channels), growth))
-            coded.append(channels)
+            coded.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth))
         degree = math.isqrt(len(mean) // 3) - 1
-        return FreeScene(degree, middle, thresholds, weights, mean, basis, tuple(tiers)), coded
+        return FreeScene(degree, middle, thresholds, weights, mean, basis, tuple(coded))
 
 
 def visible(gaussians: Gaussians) -> Gaussians:
     """As one list, without those that no renderer shows; errors as those of `FreeEncoder`."""
     flat = gaussians.flat()
-    _check_values(flat)
-    return _selected(flat, np.flatnonzero(flat.opacities >= LEAST_OPACITY))
-
-
-def _check_values(gaussians: Gaussians) -> None:
     for name in ("means", "scales", "sh"):
-        largest = float(np.abs(getattr(gaussians, name)).max())
+        largest = float(np.abs(getattr(flat, name)).max())
         if largest > MAX_VALUE:
             raise InputError(f"numbers of up to {largest:.3g}, accepted is at most {MAX_VALUE:g}", where=name)
-
-
-def _selected(gaussians: Gaussians, rows: NDArray) -> Gaussians:
-    if not len(rows):
+    is_shown = flat.opacities >= LEAST_OPACITY
+    if not is_shown.any():
         raise InputError(f"none of at least {LEAST_OPACITY:.4f}: there is nothing to show", where="opacities")
-    arrays = {name: getattr(gaussians, name)[rows] for name in FIELDS}
-    return Gaussians.unchecked(**arrays, origin=gaussians.origin, viewpoints=gaussians.viewpoints)
-
-
-def _grid_of(means: NDArray, sizes: NDArray | None, factor: float) -> tuple[PointGrid, NDArray]:
-    """The grid for (N, 3) positions, and (N, 3) how far they lie from its lowest corner.
-
-    `sizes` (N,) are those about Gaussians of a place, whose finest part is the middle of its grid, so that cells grow
-    from there as Gaussians do.
-    """
-    low, high = np.percentile(means, BULK, axis=0)
-    centre = (low + high) / 2
-    reach = float(np.abs(means - centre).max())
-    # A bulk in one point must not make the rest infinitely far.
-    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6 * reach) or 1.0
-    cell = SPACING / math.sqrt(len(means))
-    if sizes is not None:
-        centre, radius, cell = _about_the_finest(means, sizes, centre, radius)
-    space = contracted((means - centre) / radius)
-    lowest = space.min(axis=0)
-    grid = PointGrid(centre, radius, 0.0, lowest, (), 0, 0, ())
-    grid = _with_cell(grid, cell * factor, space - lowest)
-    return grid, space - lowest
-
-
-def _about_the_finest(means: NDArray, sizes: NDArray, middle: NDArray, radius: float) -> tuple[NDArray, float, float]:
-    """Centre, radius and cell at Q_g = 0 of the grid that takes the fewest bits.
-
-    A cell's side, in sizes of Gaussians, has the same mean square in all of them.
-    """
-    finest = np.median(means[np.argsort(sizes, kind="stable")[: max(len(means) // FINEST, 1)]], axis=0)
-    found: list[tuple[float, NDArray, float, float]] = []
-    for centre in (middle, finest):
-        away = np.abs(means - centre)
-        for octave in range(RADII):
-            inner = radius * 2.0**-octave
-            sides = np.maximum(inner, away)
-            each = math.sqrt(np.square(sides / sizes[:, None]).mean())
-            found.append((math.log(each) - float(np.log(sides).mean()), centre, inner, CELL_BY_SIZE / each))
-    return min(found, key=lambda one: one[0])[1:]
-
-
-def _with_cell(grid: PointGrid, cell: float, space: NDArray) -> PointGrid:
-    """The grid with about that cell, for (N, 3) contracted coordinates from its lowest corner."""
-    return replace(grid, cell=max(min(cell, MAX_CELL), float(space.max()) / ((1 << MAX_LEVELS) - 1)))
-
-
-def _cells(grid: PointGrid, space: NDArray) -> NDArray:
-    return np.rint(space / grid.cell).clip(0, (1 << MAX_LEVELS) - 1)
+    return flat.taken(is_shown)
 
 
 def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
@@ -358,11 +283,14 @@ def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
     return order
 
 
-def _decoded(placed: _PlacedTier, coded: Sequence[_Coded], scene: FreeScene, origin: NDArray) -> Gaussians:
-    """What a decoder will see of a tier, with the colours of a scene's basis."""
-    values = {c.channel.record.key: c.values for c in coded}
-    fields = from_columns(columns_of(values, scene.size_middle, scene.mean, scene.basis))
-    return Gaussians.unchecked(means=means_of(placed.grid, placed.cells), **fields, origin=origin)
+def _decoded(tiers: Sequence[_Tier], middle: float, mean: NDArray, basis: NDArray) -> dict[str, NDArray]:
+    """Arrays of what a decoder will see of tiers; `middle`, `mean` and `basis` are those of `FreeScene`."""
+    parts = []
+    for tier in tiers:
+        values = {c.channel.record.key: c.values for c in tier.coded}
+        columns = columns_of(values, middle, mean, basis)
+        parts.append({"means": means_of(tier.grid, tier.cells), **from_columns(columns)})
+    return {name: np.concatenate([part[name] for part in parts]) for name in FIELDS}
 
 
 @dataclass(frozen=True)
@@ -373,56 +301,77 @@ class _ChannelCoder:
 
     factor: float
     settings: EncoderSettings | None
-    threads: int
+    crew: Crew
     is_even: bool
     turn: float
 
-    def one(self, plane_class: PlaneClass, target: int, values: NDArray, order: Order, steps: float) -> _Coded:
-        """One channel; `steps` over those that Q_g says."""
+    def all(self, jobs: Sequence[tuple[PlaneClass, int, NDArray]], tier: _Tier) -> list[_Coded]:
+        """Channels of a tier that do not depend on one another, by class and target."""
+        return self.crew.map(lambda job: self.one(*job, tier), jobs)
+
+    def one(self, plane_class: PlaneClass, target: int, values: NDArray, tier: _Tier) -> _Coded:
+        """A channel: numbers over their gains, as a picture in their order."""
+        step, order = self._step(plane_class, target) * tier.level.steps, tier.orders[order_of(plane_class, target)]
+        # Components of colour have no mean: it is stored for all coefficients.
+        centre = 0.0 if plane_class == PlaneClass.COLOR else float(np.float32(values.mean()))
+        numbers = ((values - centre) / order.gains).astype(np.float32)
+        low, high, mean = float(numbers.min()), float(numbers.max()), float(numbers.mean(dtype=np.float64))
+        is_flat = numbers.std(dtype=np.float64) <= FLAT_SHARE * step or not high > low
+        if not is_flat:
+            low, high = without_outliers(numbers, low, high, step)
+        code_map, picture, codes = CodeMap(0.0, float(np.float32(mean)), 0), None, None
+        if high > low and not is_flat:  # a range far from zero can vanish in rounding
+            if self.settings is None:
+                rounded = mean + step * whole_steps((numbers - mean) / step)
+                channel = FreeChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
+                return _Coded(channel, None, rounded * order.gains + centre)
+            code_map = choose_code_map(low, high, mean, step)
+            codes, _ = code_map.quantise(to_plane(numbers[order.rows]))
+            picture = encode_plane(codes, code_map.qp, self.settings)
+            codes = picture.decoded(*codes.shape)
+        record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)
+        channel = FreeChannel(record, centre)
+        return _Coded(channel, picture, channel_values(channel, codes, order))
+
+    def _step(self, plane_class: PlaneClass, target: int) -> float:
         step = STEPS[plane_class, target] if plane_class != PlaneClass.COLOR else _colour_step(target)
         if not self.is_even:
             step *= SIZES_IN_PLACES if (plane_class, target) == (PlaneClass.SCALE, 0) else IN_PLACES[plane_class]
         if plane_class == PlaneClass.ROTATION:
             step *= self.turn
-        return _code_channel(plane_class, target, values, step * self.factor * steps, order, self.settings)
-
-    def all(
-        self, jobs: Sequence[tuple[PlaneClass, int, NDArray]], orders: Sequence[Order], steps: float
-    ) -> list[_Coded]:
-        """Channels that do not depend on one another."""
-        with ThreadPoolExecutor(max_workers=self.threads) as pool:
-            found = [pool.submit(self.one, c, n, values, orders[order_of(c, n)], steps) for c, n, values in jobs]
-            return [each.result() for each in found]
+        return step * self.factor
 
 
 def _code_shapes(
-    tiers: Sequence[tuple[Columns, float]], middle: float, code: _ChannelCoder
-) -> tuple[tuple[NDArray, ...], tuple[WeightClasses, ...], list[_Shape]]:
-    """Thresholds and orders of all tiers, and each one's channels in the order in which each one's order is known.
+    tiers: Sequence[_Tier], middle: float, code: _ChannelCoder
+) -> tuple[tuple[NDArray, ...], tuple[WeightClasses, ...]]:
+    """Code all channels of tiers but colours, and say by which thresholds and weights each one's order is known.
 
     Where a scene is not even, larger Gaussians are farther from whoever looks, and weigh no more than smaller ones.
     """
-    sizes = np.concatenate([columns.sizes for columns, _ in tiers])
+    sizes = np.concatenate([tier.columns.sizes for tier in tiers])
     by_size = _size_thresholds(sizes, middle) if code.is_even else np.zeros(0, np.float32)
-    thresholds = (_root_thresholds(), by_size, _length_thresholds())
-    shapes = [_Shape([], [along_the_curve(len(columns.roots))]) for columns, _ in tiers]
+    thresholds = (ROOT_THRESHOLDS, by_size, LENGTH_THRESHOLDS)
     weights: list[WeightClasses] = []
     logs = np.zeros(len(sizes))
+    counts = [np.zeros(len(tier.cells), np.uint16) for tier in tiers]
+    for tier in tiers:
+        tier.orders.append(along_the_curve(len(tier.cells)))
     for number, (plane_class, target) in enumerate(DETERMINING):
-        for shape, (columns, steps) in zip(shapes, tiers, strict=True):
-            source = (columns.roots, companded(columns.sizes, middle), columns.lengths)[number]
-            shape.coded.append(code.one(plane_class, target, source, shape.orders[number], steps))
-        counts = [reached([c.values for c in shape.coded], thresholds[: number + 1]) for shape in shapes]
+        for tier, count in zip(tiers, counts, strict=True):
+            source = (tier.columns.roots, companded(tier.columns.sizes, middle), tier.columns.lengths)[number]
+            tier.coded.append(code.one(plane_class, target, source, tier))
+            count += reached(tier.coded[-1].values, thresholds[number])
         if code.is_even or (plane_class, target) != (PlaneClass.SCALE, 0):
-            logs += np.concatenate([_log_weight(columns, number) for columns, _ in tiers])
+            logs += np.concatenate([_log_weight(tier.columns, number) for tier in tiers])
         weights.append(choose_classes(np.concatenate(counts), logs))
-        for shape, own in zip(shapes, counts, strict=True):
-            shape.orders.append(order_by(own, weights[number]))
-    for shape, (columns, steps) in zip(shapes, tiers, strict=True):
-        rest = [(PlaneClass.SCALE, 2, columns.thins)]
-        rest += [(PlaneClass.ROTATION, target, columns.turns[:, target]) for target in range(3)]
-        shape.coded.extend(code.all(rest, shape.orders, steps))
-    return thresholds, tuple(weights), shapes
+        for tier, own in zip(tiers, counts, strict=True):
+            tier.orders.append(order_by(own, weights[number]))
+    for tier in tiers:
+        rest = [(PlaneClass.SCALE, 2, tier.columns.thins)]
+        rest += [(PlaneClass.ROTATION, target, tier.columns.turns[:, target]) for target in range(3)]
+        tier.coded.extend(code.all(rest, tier))
+    return thresholds, tuple(weights)
 
 
 def _log_weight(columns: Columns, determinant: int) -> NDArray:
@@ -446,41 +395,7 @@ def _turn_step(gaussians: Gaussians) -> float:
 
 def _far_below(sizes: NDArray) -> float:
     """The same such that steps of all sizes are the same share of them, an eighth of what `STEPS` say."""
-    return float(np.float32(max(float(np.percentile(sizes, 0.5)) - KNEE, -MAX_LOG)))
-
-
-def _code_channel(
-    plane_class: PlaneClass, target: int, values: NDArray, step: float, order: Order, settings: EncoderSettings | None
-) -> _Coded:
-    """One channel: numbers over their gains, as a picture in their order."""
-    # Components of colour have no mean: it is stored for all coefficients.
-    centre = 0.0 if plane_class == PlaneClass.COLOR else float(np.float32(values.mean()))
-    numbers = ((values - centre) / order.gains).astype(np.float32)
-    low, high, mean = float(numbers.min()), float(numbers.max()), float(numbers.mean(dtype=np.float64))
-    is_flat = numbers.std(dtype=np.float64) <= FLAT_SHARE * step or not high > low
-    if not is_flat:
-        low, high = without_outliers(numbers, low, high, step)
-    if is_flat or not high > low:  # a range far from zero can vanish in rounding
-        record = ChannelRecord(plane_class, target, 0, 0.0, float(np.float32(mean)))
-        channel = FreeChannel(record, centre)
-        return _Coded(channel, None, b"", channel_values(channel, None, order))
-    if settings is None:
-        away = (numbers - mean) / step
-        rounded = mean + step * np.sign(away) * np.floor(np.abs(away) + DEAD_ZONE)
-        channel = FreeChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
-        return _Coded(channel, None, b"", rounded * order.gains + centre)
-    code_map = choose_code_map(low, high, mean, step)
-    codes, _ = code_map.quantise(to_plane(order.sorted(numbers)))
-    coded = encode_plane(codes, code_map.qp, settings)
-    decoded = coded.decoded(*codes.shape)
-    record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)
-    channel = FreeChannel(record, centre)
-    return _Coded(channel, coded.payload, coded.parameter_sets, channel_values(channel, decoded, order))
-
-
-def _root_thresholds() -> NDArray:
-    """Half octaves of √opacity, from that of the least opacity that shows."""
-    return np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
+    return float(np.float32(max(float(np.percentile(sizes, 0.5)) - KNEE, -MAX_EXPONENT)))
 
 
 def _size_thresholds(sizes: NDArray, middle: float) -> NDArray:
@@ -488,11 +403,6 @@ def _size_thresholds(sizes: NDArray, middle: float) -> NDArray:
     low, high = np.percentile(sizes, (0.5, 99.5)) / math.log(2)
     at = np.arange(math.floor(low), math.ceil(high) + 1)[:128] * math.log(2)
     return np.unique(companded(at, middle).astype(np.float32))
-
-
-def _length_thresholds() -> NDArray:
-    """Half octaves of the square root of length over width; none beyond √20, where errors stop growing."""
-    return (np.arange(1, 5) * math.log(2)).astype(np.float32)
 
 
 def _colour_step(component: int) -> float:
@@ -518,8 +428,7 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     least = factor * np.array([_colour_step(n) * (FLAT_SHARE if n < 3 else COLOUR_SHARE) for n in numbers])
     k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
     chosen = vectors[:, ::-1][:, :k]
-    signs = np.sign(chosen[np.abs(chosen).argmax(axis=0), np.arange(k)])
-    basis = (chosen * signs).astype(np.float16)
+    basis = (chosen * leading_signs(chosen)).astype(np.float16)
     wide = basis.astype(np.float64)
     projection = np.linalg.solve(product(wide.T, wide), wide.T).T if k else wide
     parts = [

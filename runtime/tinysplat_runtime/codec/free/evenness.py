@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import Gaussians
-from .octree import morton_keys
 
 UNEVEN = 3.5
 """Octaves between sizes of Gaussians in the finest and the coarsest parts of a scene: of a place, so many or more. Nine

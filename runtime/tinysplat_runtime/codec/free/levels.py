@@ -57,7 +57,7 @@ class Tiers:
         return cls(WHOLE, np.zeros(count, np.uint8), ())
 
     def of(self, rows: NDArray) -> Tiers:
-        """Tiers of some of the Gaussians, rows (n,) integer or bool; a single one where a tier would be empty."""
+        """Tiers of some of the Gaussians, rows (n,) bool; a single one where a tier would be empty."""
         numbers = self.numbers[rows]
         is_full = len(np.unique(numbers)) == len(self.levels)
-        return Tiers(self.levels, numbers, self.growths) if is_full else Tiers.whole(len(rows))
+        return Tiers(self.levels, numbers, self.growths) if is_full else Tiers.whole(len(numbers))

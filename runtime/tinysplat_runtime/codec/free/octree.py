@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FormatError
-from ...gaussian.curve import gathered, spread
 
 GROUPS = 4
 """Streams of occupancy: cells whose parent has 1, 2, 3, or more parts."""
@@ -49,21 +48,9 @@ _PARTS = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis
 """Occupied parts by a cell's byte."""
 
 
-_GROUP_OF = (np.minimum(_PARTS, GROUPS) - 1).astype(np.uint8)
-"""Stream of the children of cells by their byte."""
-
-
-def morton_keys(cells: NDArray) -> NDArray:
-    """(N,) uint64 that rise along the curve, of (N, 3) whole numbers below 2²¹."""
-    key = np.zeros(len(cells), np.uint64)
-    for axis in range(3):
-        key |= spread(cells[:, axis].astype(np.uint64)) << np.uint64(axis)
-    return key
-
-
-def cells_of(keys: NDArray) -> NDArray:
-    """(N, 3) float64 whole numbers of `morton_keys`."""
-    return np.stack([gathered(keys >> np.uint64(axis)) for axis in range(3)], axis=1).astype(np.float64)
+def _groups(parts: NDArray) -> NDArray:
+    """(n,) uint8 stream of the children of cells with so many parts."""
+    return (np.minimum(parts, GROUPS) - 1).astype(np.uint8)
 
 
 def encode_points(keys: NDArray, levels: int) -> CodedPoints:
@@ -80,7 +67,7 @@ def encode_points(keys: NDArray, levels: int) -> CodedPoints:
         occupied = np.bincount(parent, weights=bits, minlength=len(nodes)).astype(np.uint8)
         for number, stream in enumerate(groups):
             stream.append(occupied[group == number])
-        group = _group(np.bincount(parent, minlength=len(nodes)))[parent]
+        group = _groups(np.bincount(parent, minlength=len(nodes)))[parent]
         nodes = parts
     further = counts - 1
     large = further[further >= ESCAPE]
@@ -117,12 +104,12 @@ def decode_points(
             occupied[is_mine] = mine
         if not occupied.all():
             raise FormatError(f"an empty cell in level {depth}", where="positions")
-        following = [*levels, leaves][depth + 1]
-        if int(_PARTS[occupied].sum()) != following:
+        parts, following = _PARTS[occupied], [*levels, leaves][depth + 1]
+        if int(parts.sum()) != following:
             raise FormatError(f"level {depth + 1} does not have the {following} cells announced", where="positions")
         places = np.flatnonzero(np.unpackbits(occupied, bitorder="little"))
-        group = np.repeat(_GROUP_OF[occupied], _PARTS[occupied])
-        nodes = np.repeat(nodes << np.uint64(3), _PARTS[occupied]) | (places & 7).astype(np.uint64)
+        group = np.repeat(_groups(parts), parts)
+        nodes = np.repeat(nodes << np.uint64(3), parts) | (places & 7).astype(np.uint64)
     return np.repeat(nodes, _points_per_leaf(streams, leaves, escapes, count))
 
 
@@ -148,8 +135,3 @@ def _decompressed(data: bytes | memoryview, most: int) -> NDArray:
     if len(raw) > most or not stream.eof or stream.unused_data:
         raise FormatError(f"a stream does not come to {most} bytes or less", where="positions")
     return np.frombuffer(raw, np.uint8)
-
-
-def _group(parts: NDArray) -> NDArray:
-    """Stream of the children of cells with so many parts."""
-    return np.minimum(parts, GROUPS).astype(np.int64) - 1

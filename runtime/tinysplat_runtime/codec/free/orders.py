@@ -8,7 +8,6 @@ cost nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,16 +29,6 @@ class Order:
     rows: NDArray
     gains: NDArray
 
-    def sorted(self, values: NDArray) -> NDArray:
-        """Numbers (N,) of any dtype along the curve, in this order."""
-        return values[self.rows]
-
-    def restored(self, values: NDArray) -> NDArray:
-        """Inverse of `sorted`: (N,), the same dtype."""
-        out = np.empty_like(values)
-        out[self.rows] = values
-        return out
-
 
 def channel_values(channel: FreeChannel, codes: NDArray | None, order: Order) -> NDArray:
     """(N,) float64 by the curve, of a picture of codes or of a constant.
@@ -49,8 +38,9 @@ def channel_values(channel: FreeChannel, codes: NDArray | None, order: Order) ->
     record = channel.record
     if codes is None:
         return record.offset * order.gains + channel.centre
-    restored = order.restored(from_plane(codes, len(order.rows))).astype(np.float64)
-    return (restored * record.scale + record.offset) * order.gains + channel.centre
+    by_curve = np.empty(len(order.rows))
+    by_curve[order.rows] = from_plane(codes, len(order.rows))
+    return (by_curve * record.scale + record.offset) * order.gains + channel.centre
 
 
 def along_the_curve(count: int) -> Order:
@@ -58,12 +48,9 @@ def along_the_curve(count: int) -> Order:
     return Order(np.arange(count), np.ones(count))
 
 
-def reached(determinants: Sequence[NDArray], thresholds: Sequence[NDArray]) -> NDArray:
-    """(N,) uint16, how many thresholds, each of its determinant, the Gaussians reach."""
-    counts = np.zeros(len(determinants[0]), np.uint16)
-    for values, rising in zip(determinants, thresholds, strict=True):
-        counts += np.searchsorted(rising.astype(np.float64), values, side="right").astype(np.uint16)
-    return counts
+def reached(determinant: NDArray, thresholds: NDArray) -> NDArray:
+    """(N,) uint16, how many rising thresholds the Gaussians reach by a channel (N,) float64."""
+    return np.searchsorted(thresholds.astype(np.float64), determinant, side="right").astype(np.uint16)
 
 
 def classes_of(counts: NDArray, first: int, number: int) -> NDArray:

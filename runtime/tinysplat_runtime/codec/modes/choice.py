@@ -6,7 +6,8 @@ gaussians.
 
 from __future__ import annotations
 
-from ...container.photos import NetworkRef
+from ...container.photos import NetworkRef, Photos
+from ...container.planes import Planes
 from ...graphs.artifacts import load_manifest
 
 AUTO_SECONDS = 2.0
@@ -18,9 +19,9 @@ def choose(planes: bytes, photos: bytes, network: NetworkRef, network_seconds: f
     ships = any(a.role == "network" and a.sha256 == network.sha256 for a in load_manifest().values())
     sizes = f"{len(photos)} bytes of photos, {len(planes)} of Gaussians"
     if not ships:
-        return "gaussians", f"receivers may lack network '{network.name}' ({sizes})"
+        return Planes.mode, f"receivers may lack network '{network.name}' ({sizes})"
     if network_seconds > AUTO_SECONDS:
-        return "gaussians", f"the network takes {network_seconds:.1f} s, over {AUTO_SECONDS:g} ({sizes})"
+        return Planes.mode, f"the network takes {network_seconds:.1f} s, over {AUTO_SECONDS:g} ({sizes})"
     if len(photos) >= len(planes):
-        return "gaussians", f"the smaller file ({sizes})"
-    return "photos", f"{sizes}; every installation has '{network.name}', which took {network_seconds:.1f} s here"
+        return Planes.mode, f"the smaller file ({sizes})"
+    return Photos.mode, f"{sizes}; every installation has '{network.name}', which took {network_seconds:.1f} s here"

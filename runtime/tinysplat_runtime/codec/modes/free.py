@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from ...container.points import Points
 from ...gaussian.gaussians import Gaussians
 from ..free.decoder import decode_free
+from ..job import Job
 from ..layers import OpenFile
-from .mode import Job, Mode
+from .mode import Mode
 
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ..free.encoder import FreeEncoder
@@ -30,8 +31,8 @@ def encoder(job: Job) -> FreeEncoder:
 def decode(file: OpenFile, body: Points) -> Gaussians:
     """The file's Gaussians, as one list; FormatError where what sorts them is not at hand."""
     with file.watch.stage("libavcodec"):
-        found = decode_free(file.container, body.scene, file.missing, file.threads)
+        found = decode_free(file, body.scene)
     return replace(found, viewpoints=body.viewpoints)
 
 
-FREE = Mode("free", encode, decode, encoder)
+FREE = Mode(Points.mode, encode, decode, encoder)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from ...container.planes import Planes
 from ...errors import FormatError
 from ...gaussian.gaussians import Gaussians
+from ..job import Job
 from ..layers import OpenFile, decode_layers
 from ..missing import first_picture_end, hidden_views
-from .mode import Job, Mode
+from .mode import Mode
 
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ..rate import PlanesCoder
@@ -17,14 +18,17 @@ if TYPE_CHECKING:  # who decodes loads no encoder
 
 def encode(job: Job) -> bytes:
     """The file at the job's Q_g; errors of `SceneEncoder`."""
-    return job.encoder().encode(job.qp)
+    from ..encoder import SceneEncoder
+
+    return SceneEncoder(job).encode(job.qp)
 
 
 def coder(job: Job) -> PlanesCoder:
     """What codes the job's Gaussians at any Q_g."""
+    from ..encoder import SceneEncoder
     from ..rate import PlanesCoder
 
-    return PlanesCoder(job.encoder())
+    return PlanesCoder(SceneEncoder(job))
 
 
 def decode(file: OpenFile, body: Planes) -> Gaussians:
@@ -36,4 +40,4 @@ def decode(file: OpenFile, body: Planes) -> Gaussians:
     return decode_layers(file, body)
 
 
-GAUSSIANS = Mode("gaussians", encode, decode, coder)
+GAUSSIANS = Mode(Planes.mode, encode, decode, coder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from hashlib import sha256
 
@@ -12,13 +11,14 @@ from ...container.exact import CodedExact, Exact, ExactLayer, exact_sections
 from ...container.layers import LayerMaps
 from ...container.sections import NewSection
 from ...container.writer import write_container
-from ...errors import FormatError, InputError
+from ...errors import FormatError
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...system.threads import Crew
 from ..exact import decode_exact, exact_planes, pack
+from ..job import Job
 from ..layers import OpenFile
 from ..synthesis import LayerSynthesis
-from .mode import Job, Mode
+from .mode import Mode
 
 
 def encode(job: Job) -> bytes:
@@ -29,19 +29,17 @@ def encode(job: Job) -> bytes:
         NumericError: Gaussians at or behind their own camera, or planes beyond float16.
     """
     gaussians = job.gaussians
-    if not gaussians.is_per_pixel:
-        raise InputError("a list; expected (V, H, W, …) with K and c2w per view", where="gaussians")
+    gaussians.check_pixels()
     sections: list[NewSection] = []
+    crew = Crew(job.threads)
     with job.stats.watch.stage("zlib"):
         for index, layer in enumerate(gaussians.layers):
             planes, limits = exact_planes(job.store, layer, job.drop_invalid, f"layer {index}")
-            with ThreadPoolExecutor(max_workers=job.threads) as pool:
-                payloads = tuple(pool.map(pack, planes.reshape(-1, *planes.shape[2:])))
+            payloads = tuple(crew.map(pack, planes.reshape(-1, *planes.shape[2:])))
             digest = sha256(planes.tobytes()).digest()
             sections += exact_sections(CodedExact(layer.cameras, layer.degree, limits, digest, payloads), index)
-        cameras, origin, count = gaussians.cameras, gaussians.origin, len(gaussians.layers)
-        notes = gaussians.notes
-        return write_container([], cameras, origin, "lossless", 0.0, sections, layer_count=count, notes=notes)
+        cameras, origin, notes, count = gaussians.cameras, gaussians.origin, gaussians.notes, len(gaussians.layers)
+        return write_container([], cameras, origin, LOSSLESS.name, 0.0, sections, layer_count=count, notes=notes)
 
 
 def decode(file: OpenFile, body: Exact) -> Gaussians:
@@ -54,7 +52,7 @@ def decode(file: OpenFile, body: Exact) -> Gaussians:
 def _decode_layer(file: OpenFile, exact: ExactLayer, where: str, crew: Crew) -> Gaussians:
     origin = file.container.origin
     with file.watch.stage("zlib"):
-        geometry, sh = decode_exact(exact, file.threads)
+        geometry, sh = decode_exact(exact, crew)
     # A layer without channels: all that it is stands in the base.
     maps = LayerMaps(cameras=exact.cameras, depth_limits=exact.depth_limits)
     with file.watch.stage("synthesis"):
@@ -68,4 +66,4 @@ def _decode_layer(file: OpenFile, exact: ExactLayer, where: str, crew: Crew) -> 
     return Gaussians.unchecked(**fields, cameras=exact.cameras, origin=origin)
 
 
-LOSSLESS = Mode("lossless", encode, decode)
+LOSSLESS = Mode(Exact.mode, encode, decode)

@@ -8,10 +8,10 @@ from ...container.photos import Photos, group_sections, network_section, photo_s
 from ...container.writer import write_container
 from ...gaussian.gaussians import Gaussians
 from ...graphs.walk import predict_grouped
-from ..encoder import check_qp
+from ..job import Job, check_qp
 from ..layers import OpenFile
 from ..photos import decode_photos, encode_photos
-from .mode import Job, Mode
+from .mode import Mode
 
 
 def encode(job: Job) -> bytes:
@@ -43,4 +43,4 @@ def decode(file: OpenFile, body: Photos) -> Gaussians:
         return predict_grouped(images, container.cameras, network.near, network.far, graph, body.groups)
 
 
-PHOTOS = Mode("photos", encode, decode)
+PHOTOS = Mode(Photos.mode, encode, decode)
