@@ -14,13 +14,14 @@ from scenes import make_free_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.codec.free.evenness import is_uneven, sizes_about
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.paths import looking_along
 from tinysplat_runtime.scene.cameras import Camera
 
 pytest.importorskip("numba")
+
+from tinysplat_runtime.prune.views import views_of
 
 COUNT = 3000
 
@@ -57,7 +58,7 @@ def test_a_place_is_told_from_an_object_wherever_and_however_large(place, size, 
     ball = make_free_gaussians(COUNT, 0, np.random.default_rng(4))
     for gaussians, expected in ((ball, False), (place, True)):
         scaled = replace(gaussians, means=size * gaussians.means + moved, scales=size * gaussians.scales)
-        assert is_uneven(sizes_about(scaled)) == expected
+        assert bool(views_of(scaled)[1]) == expected
 
 
 def test_cameras_leave_out_what_nobody_sees_from_where_they_stand(place):
@@ -67,7 +68,7 @@ def test_cameras_leave_out_what_nobody_sees_from_where_they_stand(place):
     found = ts.decompress(data)
     between = [camera for camera in cameras_within(24, start=0.06, focal=40) if camera.rotation[2, 2] > 0.3]
     behind = [(one.means[:, 2] < -np.abs(one.means[:, 0])).sum() for one in (found, place)]
-    assert found.count == COUNT - stats.left_out and behind[0] < 0.5 * behind[1]
+    assert found.count == COUNT - stats.left_out and behind[0] / behind[1] < found.count / COUNT
     whole = ts.compress(place, keep_all=True)
     assert len(data) < len(whole)
     coarse = ts.decompress(ts.compress(place, keep_all=True, target_size=len(data)))
@@ -117,7 +118,7 @@ def test_of_ten_thousand_cameras_a_spread_is_taken(place):
     many = [camera for _ in range(833) for camera in cameras_within(12)] + cameras_within(4, start=0.1)
     found = ts.decompress(ts.compress(place, cameras=many))
     directions = {tuple(camera.rotation[2].round(1) + 0.0) for camera in found.viewpoints}
-    assert len(found.viewpoints) < 1000 and len(directions) >= 12
+    assert len(found.viewpoints) <= 64 and len(directions) >= 12
 
 
 def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path):

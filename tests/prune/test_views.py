@@ -10,7 +10,7 @@ from scenes import make_free_gaussians
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.views import SIDE, views_about, views_of
+from tinysplat_runtime.prune.views import views_about, views_of
 from tinysplat_runtime.render.paths import ring
 
 
@@ -31,8 +31,9 @@ def test_objects_are_seen_from_all_sides():
     distances = np.linalg.norm(away, axis=1) / diagonal
     assert len(cameras) == 20 and distances.min() > 0.5 and distances.max() < 5
     assert np.abs(away.mean(axis=0)).max() < 0.25 * diagonal
-    for camera, towards in zip(cameras, away, strict=True):  # each looks at about the middle
-        assert camera.c2w[:3, 2] @ towards / np.linalg.norm(towards) < -0.98
+    for camera, towards in zip(cameras, away, strict=True):  # each has the middle in its picture
+        u, v, z = camera.K @ camera.rotation @ -towards
+        assert z > 0 and 0 < u / z < camera.width and 0 < v / z < camera.height
 
 
 def test_what_lies_far_off_does_not_move_near_views_away():
@@ -60,8 +61,8 @@ def test_photos_are_looked_at_small_and_those_between_them_judge():
     photos = tuple(camera.resized(*shapes[number % 3]) for number, camera in enumerate(ring(cloud, 60)))
     views, reason = views_of(replace(cloud, viewpoints=photos))
     sizes = [(camera.width, camera.height) for camera in (*views.deciding, *views.judging)]
-    assert reason == "" and all(width * height <= 1.02 * SIDE**2 and width != height for width, height in sizes)
-    assert 2 <= len(views.deciding) < len(photos) and 2 <= len(views.judging) < len(photos)
+    assert reason == "" and all(width * height < 1800 * 3200 / 4 and width != height for width, height in sizes)
+    assert 2 <= len(views.deciding) <= 48 and 2 <= len(views.judging) <= 48
     own = np.stack([camera.centre for camera in (*photos, *views.deciding)])
     assert all(np.linalg.norm(own - camera.centre, axis=1).min() > 1e-6 for camera in views.judging)
     radius = max(np.linalg.norm(camera.centre) for camera in photos)
