@@ -140,5 +140,5 @@ def test_what_belongs_to_the_world_or_to_the_test_itself_is_left_alone(line: str
 
 
 if __name__ == "__main__":  # writes the list anew, which only ever makes it shorter
-    rows = [f"{kinds['private']:3} {kinds['patch']:3} {name}" for name, kinds in uses().items()]
-    ALLOWED.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    rows = [f"{kinds['private']:3} {kinds['patch']:3} {name}\n" for name, kinds in uses().items()]
+    ALLOWED.write_text("".join(rows), encoding="utf-8")
