@@ -51,7 +51,7 @@ def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -
         for v, order in enumerate(orders):
             given = {key: known[key][order if key in OF_ALL else slice(v, v + 1)] for key in stage.inputs}
             with torch.no_grad():
-                values = stage(**given)
+                values = stage(*given.values())
             results.append(values if isinstance(values, tuple) else (values,))
             calls.setdefault(name, (given, results[-1]))
         joined = {
