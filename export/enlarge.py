@@ -6,9 +6,11 @@ python export/enlarge.py
 from __future__ import annotations
 
 import warnings
+from itertools import starmap
 
 import extra  # noqa: F401  (first: names what is missing)
 import torch
+from difference import parity
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import Tensor
 from torch.export import Dim
@@ -89,27 +91,12 @@ def main() -> None:
         model = official.export_program(module, example_inputs(48, 60, 3), axes, OUTPUT_NAMES, OPSET)
     stamp(model, {"role": "enlarge", **SERVES, **PAPERS})
     official.save_model(model, path)
-    worst = parity(module)
+    graph = open_graph(Artifact("enlarge", path), "enlarge")
+    worst = parity(graph, module, starmap(example_inputs, ((48, 60, 1), (33, 96, 3), (64, 40, 4))), PARITY_QUANTILE)
     print("enlarge", {name: f"{value:.1e}" for name, value in worst.items()})
     if max(worst.values()) > PARITY_RTOL:
         raise SystemExit(f"enlarge: torch and onnx differ by {worst}; nothing was registered")
     register("enlarge", path, "enlarge", worst, **PAPERS, made_by="export/enlarge.py")
-
-
-def parity(module: Enlarge) -> dict[str, float]:
-    """|torch − ONNX| by output, relative to its largest magnitude, at the quantile: worst of three sizes."""
-    graph = open_graph(Artifact("enlarge", MODELS / "enlarge.onnx"), "enlarge")
-    worst: dict[str, float] = {}
-    for size in ((48, 60, 1), (33, 96, 3), (64, 40, 4)):
-        inputs = example_inputs(*size)
-        with torch.no_grad():
-            expected = module(*inputs.values())
-        outputs = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
-        for name, want in zip(OUTPUT_NAMES, expected, strict=True):
-            error = (torch.from_numpy(outputs[name]) - want).abs() / want.abs().max().clamp_min(1e-30)
-            quantile = float(torch.quantile(error.nan_to_num(nan=torch.inf).flatten(), PARITY_QUANTILE))
-            worst[name] = max(worst.get(name, 0.0), quantile)
-    return worst
 
 
 if __name__ == "__main__":

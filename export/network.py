@@ -16,11 +16,12 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 import extra  # noqa: F401  (first: names what is missing)
-import torch
+from difference import parity
 from inputs import INPUT_AXES, example_inputs
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import nn
@@ -190,23 +191,6 @@ def input_ranges() -> dict[str, Any]:
     }
 
 
-def measure_parity(network: Network, path: Path) -> dict[str, float]:
-    """|torch − ONNX| by output, relative to its largest magnitude, at the network's quantile: worst of the sizes."""
-    graph = open_graph(Artifact(path.stem, path), "network")
-    worst: dict[str, float] = {}
-    for size in network.parity_sizes:
-        inputs = example_inputs(*size)
-        with torch.no_grad():
-            expected = network.module(*inputs.values())
-        outputs = graph.run({name: tensor.numpy() for name, tensor in inputs.items()})
-        for name, want in zip(network.outputs, expected, strict=True):
-            error = (torch.from_numpy(outputs[name]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
-            error = error.nan_to_num(nan=torch.inf)  # else NaN would pass for parity
-            rank = max(int(network.parity_quantile * error.numel()), 1)
-            worst[name] = max(worst.get(name, 0.0), float(error.kthvalue(rank).values))
-    return worst
-
-
 def main() -> None:
     """Write one network's artifact."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -240,7 +224,11 @@ def export(options: argparse.Namespace) -> None:
     with working("network to graph", quiet=False):
         write_graph(network, path, options.half_weights)
     with working("graph beside torch", quiet=False):
-        worst = measure_parity(network, path)
+        graph, examples = (
+            open_graph(Artifact(path.stem, path), "network"),
+            starmap(example_inputs, network.parity_sizes),
+        )
+        worst = parity(graph, network.module, examples, network.parity_quantile)
     print(path, options.name, {name: f"{value:.1e}" for name, value in worst.items()})
     if max(worst.values()) > network.parity_tolerance:
         raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=options.name)

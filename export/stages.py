@@ -13,6 +13,7 @@ from pathlib import Path
 
 import extra  # noqa: F401  (first: names what is missing)
 import torch
+from difference import parity
 from inputs import example_inputs
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from network import HALF_TOLERANCE, TRAINED_EDGE
@@ -34,14 +35,12 @@ SIZES = ((4, 64, 96), (2, 96, 64), (5, 64, 64))
 QUANTILE = 0.99
 """Share of values that must keep the tolerance: rounding can decide between two candidates."""
 
-Recorded = dict[str, tuple[dict[str, Tensor], tuple[Tensor, ...]]]
 
-
-def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -> Recorded:
-    """What each stage is given of the first of some views, whose neighbours are all others, and what it returns."""
+def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -> dict[str, dict[str, Tensor]]:
+    """What each stage is given of the first of some views, whose neighbours are all others."""
     example = example_inputs(views, height, width)
     orders = [[v, *(u for u in range(views) if u != v)] for v in range(views)]
-    calls: Recorded = {}
+    calls: dict[str, dict[str, Tensor]] = {}
     known = {"K": example["K"], "c2w": example["c2w"], "far": example["far"], "images": example["images"]}
     known["ranges"] = torch.stack([1 / example["far"], 1 / example["near"] - 1 / example["far"]], dim=1)
     known["shown"] = known["images"]
@@ -51,9 +50,9 @@ def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -
         for v, order in enumerate(orders):
             given = {key: known[key][order if key in OF_ALL else slice(v, v + 1)] for key in stage.inputs}
             with torch.no_grad():
-                values = stage(**given)
+                values = stage(*given.values())
             results.append(values if isinstance(values, tuple) else (values,))
-            calls.setdefault(name, (given, results[-1]))
+            calls.setdefault(name, given)
         joined = {
             key: torch.cat(of_each) for key, of_each in zip(stage.outputs, zip(*results, strict=True), strict=True)
         }
@@ -63,7 +62,7 @@ def recorded(stages: Mapping[str, Stage], views: int, height: int, width: int) -
     return calls
 
 
-def write(stage: Stage, name: str, given: Mapping[str, Tensor], path: Path, facts: Mapping[str, object]) -> None:
+def write(stage: Stage, given: Mapping[str, Tensor], path: Path, facts: Mapping[str, object]) -> None:
     """Export a stage for any number of neighbours and any size, with its weights as float16."""
     rows, columns = Dim("h"), Dim("w")
     axes: dict[str, dict[int, object]] = {}
@@ -80,20 +79,6 @@ def write(stage: Stage, name: str, given: Mapping[str, Tensor], path: Path, fact
     save_model(model, path)
 
 
-def parity(stage: Stage, name: str, path: Path, stages: Mapping[str, Stage]) -> dict[str, float]:
-    """|torch − ONNX| by output over its largest magnitude, at `QUANTILE`: worst of the sizes."""
-    graph = open_graph(Artifact(path.stem, path), f"stage_{name}")
-    worst = dict.fromkeys(stage.outputs, 0.0)
-    for size in SIZES:
-        given, expected = recorded(stages, *size)[name]
-        outputs = graph.run({key: values.contiguous().numpy() for key, values in given.items()})
-        for key, want in zip(stage.outputs, expected, strict=True):
-            error = (torch.from_numpy(outputs[key]) - want).abs().flatten() / want.abs().max().clamp_min(1e-30)
-            rank = max(int(QUANTILE * error.numel()), 1)
-            worst[key] = max(worst[key], float(error.nan_to_num(nan=torch.inf).kthvalue(rank).values))
-    return worst
-
-
 def export(names: list[str]) -> None:
     """Write, check and register stages; NumericError where torch and ONNX disagree."""
     network, steps = shipped_network(TRAINED_EDGE)
@@ -104,8 +89,9 @@ def export(names: list[str]) -> None:
     for name in names:
         path, stage = MODELS / f"edge_{name}.onnx", stages[name]
         with working(name, quiet=False):
-            write(stage, name, examples[name][0], path, facts)
-            worst = parity(stage, name, path, stages)
+            write(stage, examples[name], path, facts)
+            given = (recorded(stages, *size)[name] for size in SIZES)
+            worst = parity(open_graph(Artifact(path.stem, path), f"stage_{name}"), stage, given, QUANTILE)
         print(path, {key: f"{value:.1e}" for key, value in worst.items()})
         if max(worst.values()) > HALF_TOLERANCE:
             raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=name)

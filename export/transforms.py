@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import extra  # noqa: F401  (first: names what is missing)
 import torch
+from difference import parity
 from manifest import MODELS, OPSET, add_metadata, register  # this folder is first on the path of a script
 from torch import Tensor, nn
 
 from tinysplat import transforms as T
+from tinysplat.networks.algebra import quats_to_matrices
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import CONTRACTS, open_graph
 from tinysplat_runtime.system.progress import working
@@ -38,19 +40,7 @@ class GraphExport:
 def _camera(views: int) -> dict[str, Tensor]:
     K = torch.tensor([[120.0, 1.5, 9.0], [0.0, 110.0, 7.0], [0.0, 0.0, 1.0]]).repeat(views, 1, 1)
     quat = T.unit_quats(torch.randn(views, 4))
-    w, x, y, z = quat.unbind(-1)
-    rows = [
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - w * z),
-        2 * (x * z + w * y),
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
-    ]
-    return {"K": K, "rotation": torch.stack(rows, -1).reshape(views, 3, 3), "rotation_quat": quat}
+    return {"K": K, "rotation": quats_to_matrices(quat), "rotation_quat": quat}
 
 
 def _gaussians(v: int, h: int, w: int) -> dict[str, Tensor]:
@@ -176,17 +166,8 @@ def export(name: str, graph: GraphExport) -> dict[str, float]:
             verbose=False,
         )
     add_metadata(path, {"role": graph.role, "licence": LICENCE, "purpose": graph.purpose})
-    worst: dict[str, float] = {}
-    session = open_graph(Artifact(name, path), name)
-    for size in ((2, 6, 5, 2), (1, 1, 1, 1), (5, 17, 33, 4)):
-        inputs = _positional(name, graph, size)
-        expected = graph.module(*inputs.values())
-        outputs = session.run({n: t.numpy() for n, t in inputs.items()})
-        for key, want in zip(
-            CONTRACTS[name].outputs, expected if isinstance(expected, tuple) else (expected,), strict=True
-        ):
-            error = (torch.from_numpy(outputs[key]) - want).abs().max() / want.abs().max().clamp_min(1e-30)
-            worst[key] = max(worst.get(key, 0.0), float(error))
+    examples = (_positional(name, graph, size) for size in ((2, 6, 5, 2), (1, 1, 1, 1), (5, 17, 33, 4)))
+    worst = parity(open_graph(Artifact(name, path), name), graph.module, examples)
     if max(worst.values()) > PARITY_RTOL:
         raise SystemExit(f"{name}: torch and onnx differ by {worst}; nothing was registered")
     return worst

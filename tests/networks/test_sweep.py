@@ -21,7 +21,15 @@ from tinysplat.networks.geometry import (
 )
 from tinysplat.networks.pairs import ViewPairs
 from tinysplat.networks.surfels import CoarseSettings, surface_slopes
-from tinysplat.networks.sweep import OUTPUT_NAMES, AlignmentSettings, InverseDepths, Sweep, SweepSettings, align_photos
+from tinysplat.networks.sweep import (
+    OUTPUT_NAMES,
+    AlignmentSettings,
+    Comparison,
+    InverseDepths,
+    Sweep,
+    SweepSettings,
+    align_photos,
+)
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
 
 
@@ -123,7 +131,7 @@ def test_a_change_of_exposure_between_photos_does_not_move_depth(brighter):
     truth = ((inverse - depths.offset[0]) / depths.span[0])[:, None]
     start = truth + 0.4 / (depths.count - 1)
     settings = AlignmentSettings(steps=3, outlier=1.0, any_exposure=True)
-    found = align_photos(start, images, K, ViewPairs.nearest(c2w), depths, settings)
+    found = align_photos(start, images, Comparison.on(images, K, ViewPairs.nearest(c2w), depths), settings)
     assert float((found - truth).abs().median()) < 0.3 * float((start - truth).abs().median())
 
 

@@ -9,7 +9,7 @@ from networks.two_planes import TracedScene, network_tensors, trace
 from torch import Tensor
 
 from tinysplat.networks.pairs import ViewPairs
-from tinysplat.networks.sweep import InverseDepths
+from tinysplat.networks.sweep import Comparison, InverseDepths
 from tinysplat.networks.witnesses import WitnessSettings, kept_opacity
 
 PATCH = (slice(None), slice(20, 44), slice(30, 60))  # seen by all views of the row
@@ -26,7 +26,8 @@ def exact(views: int) -> tuple[TracedScene, Tensor, InverseDepths]:
 
 def kept(scene: TracedScene, level: Tensor, depths: InverseDepths, trust: float = 0.9) -> Tensor:
     _, K, c2w, _, _ = network_tensors(scene)
-    return kept_opacity(level, torch.full_like(level, trust), K, c2w, ViewPairs.all(c2w), depths, WitnessSettings())
+    views = Comparison.on(level, K, ViewPairs.all(c2w), depths)
+    return kept_opacity(level, torch.full_like(level, trust), c2w, views, WitnessSettings())
 
 
 def test_two_views_keep_all_whatever_they_say() -> None:

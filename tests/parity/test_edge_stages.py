@@ -37,7 +37,7 @@ class Twin:
 
     def run(self, inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
         with torch.no_grad():
-            values = self.stage(**{name: torch.from_numpy(array).double() for name, array in inputs.items()})
+            values = self.stage(*(torch.from_numpy(inputs[name]).double() for name in self.stage.inputs))
         found = values if isinstance(values, tuple) else (values,)
         return {name: value.numpy() for name, value in zip(self.stage.outputs, found, strict=True)}
 

@@ -23,7 +23,6 @@ from .aggregation import box_mean, local_contrast
 from .edge_analysis import Analysis, EdgeSettings, Matches, analyse, expected_level, match, photo_difference
 from .edge_layers import CostRefiner, FeatureUNet, bilinear_logits, convex_upsampling, convolution, zero
 from .exposure import one_exposure
-from .geometry import pixel_intrinsics, pixel_rays
 from .narrowing import narrowed
 from .pairs import ViewPairs
 from .surfels import CoarseChanges, coarse_layer, pixel_layer, sharpened, splat_weights
@@ -31,6 +30,7 @@ from .sweep import (
     MAX_VIEWS,
     MIN_VIEWS,
     OUTPUT_NAMES,
+    Comparison,
     InverseDepths,
     align_photos,
     double,
@@ -68,6 +68,10 @@ class MatchedViews:
     c2w: Tensor
     far: Tensor
     depths: InverseDepths
+
+    def on(self, maps: Tensor, pairs: ViewPairs) -> Comparison:
+        """Pairs of the views on the grid of maps."""
+        return Comparison.on(maps, self.K, pairs, self.depths)
 
 
 @dataclass(frozen=True)
@@ -232,33 +236,23 @@ class Edge(nn.Module):
         with _without_gradient():
             images, shown = one_exposure(images, K, pairs, whole, s.exposure, s.analysis)
         half = functional.avg_pool2d(images, 2)
-        rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
-        terms = pairs.sweep_terms(rays, K)
         with _without_gradient():
             depths = narrowed(images, K, pairs, whole, s.narrowing, s.analysis)
-            matches = match(half, terms, pairs, depths, s)
-        estimate = self.estimate(half, K, terms, pairs, depths, matches, matches.level)
+            at_half = Comparison.on(half, K, pairs, depths)
+            matches = match(half, at_half, s)
+        estimate = self.estimate(half, at_half, matches, matches.level)
         views = MatchedViews(images, shown, K, c2w, far, depths)
         surfaces = self.seen(views, pairs, witnesses, estimate, estimate.level, estimate.agreement)
         dressed = self.dress(surfaces, depths)
         outputs, opacity = self.finish(dressed, views, witnesses, dressed.level, dressed.opacity)
         return Prediction(outputs, surfaces.logits, dressed.level, depths, dressed.footprint, opacity, dressed.colours)
 
-    def estimate(
-        self,
-        half: Tensor,
-        K: Tensor,
-        terms: tuple[Tensor, Tensor],
-        pairs: ViewPairs,
-        depths: InverseDepths,
-        matches: Matches,
-        levels: Tensor,
-    ) -> Estimate:
+    def estimate(self, half: Tensor, views: Comparison, matches: Matches, levels: Tensor) -> Estimate:
         """Depth at half resolution; arguments as for `analyse`."""
         s = self.settings
         with _without_gradient():
-            analysis = analyse(half, K, terms, pairs, depths, matches, levels, s)
-        own = pairs.own(half)
+            analysis = analyse(half, views, matches, levels, s)
+        own = views.pairs.own(half)
         logits = self._logits(own, analysis)
         level, confidence = expected_level(logits)
         features, coarse_features = self.unet(self._inputs(own, analysis, logits, level, confidence))
@@ -285,17 +279,13 @@ class Edge(nn.Module):
             estimate: of the views whose depth is sought.
             levels, agreements: (…, 1, h, w) of the estimates of all views.
         """
-        s, images, K, depths = self.settings, views.images, views.K, views.depths
-        level, full = estimate.level, estimate.full
-        height, width = level.shape[2:]
-        rays = pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width)
+        s, level, full = self.settings, estimate.level, estimate.full
         with _without_gradient():
-            error, there, _ = error_in_sources(levels, pairs.sweep_terms(rays, K), pairs, depths)
-            opacity = opacities_from_agreement(
-                levels, agreements, witnesses.sweep_terms(rays, K), witnesses, depths, s.analysis
-            )
-            aligned = align_photos(full.detach(), images, K, pairs, depths, s.analysis.alignment)
-            difference, visible = photo_difference(aligned, images, K, pairs, depths)
+            error, there, _ = error_in_sources(levels, views.on(level, pairs))
+            opacity = opacities_from_agreement(levels, agreements, views.on(level, witnesses), s.analysis)
+            at_full = views.on(full, pairs)
+            aligned = align_photos(full.detach(), views.images, at_full, s.analysis.alignment)
+            difference, visible = photo_difference(aligned, views.images, at_full)
         full = full + (aligned - full.detach())  # the gradient passes the alignment as if it were not there
 
         error = pairs.by_view(error.clamp(-4, 4) * there) / 4
@@ -356,13 +346,12 @@ class Edge(nn.Module):
             witnesses: as for `seen`.
             levels, opacities: (…, 1, H, W) of what is dressed of all views.
         """
-        s, depths = self.settings, views.depths
-        inverse_depths = depths.at(levels)
+        s = self.settings
+        inverse_depths = views.depths.at(levels)
         inverse_depth = witnesses.own(inverse_depths)
         with _without_gradient():
-            kept = kept_opacity(
-                levels.detach(), opacities.detach() / OPACITY_CAP, views.K, views.c2w, witnesses, depths, s.witnesses
-            )
+            beside = views.on(levels, witnesses)
+            kept = kept_opacity(levels.detach(), opacities.detach() / OPACITY_CAP, views.c2w, beside, s.witnesses)
         opacity = dressed.opacity * kept
         K, c2w = witnesses.own(views.K), witnesses.own(views.c2w)
         surface = pixel_layer(dressed.colours, K, c2w, inverse_depth, opacity, dressed.footprint)

@@ -12,10 +12,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from .exposure import ExposureSettings
-from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .narrowing import NarrowingSettings
-from .pairs import ViewPairs
-from .sweep import AlignmentSettings, InverseDepths, SweepSettings, agreed, align_photos, double, matched, soft_argmin
+from .sweep import AlignmentSettings, Comparison, SweepSettings, agreed, align_photos, double, matched, soft_argmin
 from .witnesses import WitnessSettings
 
 WINDOW = 2
@@ -126,9 +124,7 @@ class Analysis:
     agreement: Tensor
 
 
-def match(
-    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, depths: InverseDepths, settings: EdgeSettings
-) -> Matches:
+def match(half: Tensor, views: Comparison, settings: EdgeSettings) -> Matches:
     """The beginning of `sweep`: matching and aggregation at half resolution.
 
     A coarser grid's aggregated costs are added, with a small weight, to the costs of the next finer one: large blank or
@@ -136,47 +132,36 @@ def match(
 
     Args:
         half: (…, 3, h, w) photos of all views at half resolution, [0, 1].
-        terms: of `ViewPairs.sweep_terms` at half resolution.
-        pairs: views to match.
-        depths: candidates.
+        views: to match at half resolution.
         settings: of the network.
     """
     s = settings.analysis
     fine = replace(s, colour_weight=settings.fine_colour_weight, contrast_weight=0.0)
-    grids = [(half, terms[0])]
+    turned, shift = views.terms
+    grids = [(half, turned)]
     for _ in range(settings.coarser_grids):
         grids.append((functional.avg_pool2d(grids[-1][0], 2), functional.avg_pool2d(grids[-1][1], 2)))
     lead = torch.zeros(())
     coarse = lead
     for guide, turned in reversed(grids):
         at_half = guide is half
-        cost, paths = matched(guide, (turned, terms[1]), pairs, depths, fine if at_half else s, lead)
+        cost, paths = matched(guide, replace(views, terms=(turned, shift)), fine if at_half else s, lead)
         if not at_half:
             coarse = paths
             lead = double(settings.lead * paths.clamp_max(settings.lead_limit))
     return Matches(cost, paths, coarse, soft_argmin(paths, s.sharpness))
 
 
-def analyse(
-    half: Tensor,
-    K: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    depths: InverseDepths,
-    matches: Matches,
-    levels: Tensor,
-    settings: EdgeSettings,
-) -> Analysis:
+def analyse(half: Tensor, views: Comparison, matches: Matches, levels: Tensor, settings: EdgeSettings) -> Analysis:
     """What `sweep` does next: agreement, filling and alignment at half resolution.
 
     Args:
-        half, terms, pairs, depths, settings: as for `match`.
-        K: (…, 3, 3) of all views, divided by width and height.
+        half, views, settings: as for `match`.
         matches: of the views whose depth is sought.
         levels: (…, 1, h, w) of the matches of all views.
     """
-    level, agreement = agreed(levels, half, terms, pairs, depths, settings.analysis)
-    level = align_photos(level, half, K, pairs, depths, settings.half_alignment)
+    level, agreement = agreed(levels, half, views, settings.analysis)
+    level = align_photos(level, half, views, settings.half_alignment)
     cost = matches.costs
     relative = settings.contrast * (cost - cost.mean(dim=1, keepdim=True))
     best = settings.contrast * cost.amin(dim=1, keepdim=True)
@@ -193,19 +178,14 @@ def expected_level(logits: Tensor) -> tuple[Tensor, Tensor]:
     return (near * index).sum(dim=1, keepdim=True) / mass / (count - 1), mass
 
 
-def photo_difference(
-    level: Tensor, images: Tensor, K: Tensor, pairs: ViewPairs, depths: InverseDepths
-) -> tuple[Tensor, Tensor]:
+def photo_difference(level: Tensor, images: Tensor, views: Comparison) -> tuple[Tensor, Tensor]:
     """What the sources show at each pixel's place less the pixel itself, (V, 3, H, W), mean of those that see it.
 
     Levels (V, 1, H, W) are those of views whose depth is sought, everything else is of all views. The second result is
     the share of sources that have the place in their frame, (V, 1, H, W).
     """
-    height, width = images.shape[2:]
-    rays = pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width)
-    x, y, ratio = project_sweep(*pairs.sweep_terms(rays, K), depths.of(pairs).at(level)[pairs.reference])
-    read = sample_bilinear(images[pairs.source], x, y)[:, :, 0]
-    seen = inside_frame(x, y, ratio)
-    total = pairs.by_view((read - images[pairs.reference]) * seen).sum(dim=1)
+    pairs = views.pairs
+    read, seen, _ = views.read(images, views.depths.of(pairs).at(level))
+    total = pairs.by_view((read[:, :, 0] - images[pairs.reference]) * seen).sum(dim=1)
     count = pairs.by_view(seen).sum(dim=1)
     return total / count.clamp_min(1), count / pairs.sources

@@ -20,11 +20,10 @@ from torch import Tensor, nn
 from .edge import Dressed, Edge, Estimate, MatchedViews
 from .edge_analysis import Matches, match
 from .exposure import blindly, compared
-from .geometry import pixel_intrinsics, pixel_rays
 from .narrowing import taken_up
 from .pairs import ViewPairs
 from .surfels import CoarseChanges
-from .sweep import OUTPUT_NAMES, InverseDepths, agreed, cross_view_agreement, matched, soft_argmin
+from .sweep import OUTPUT_NAMES, Comparison, InverseDepths, agreed, cross_view_agreement, matched, soft_argmin
 
 OF_ALL = frozenset({"cells", "half", "images", "K", "c2w", "ranges", "levels", "agreements", "alphas"})
 """Inputs of the photo and its neighbours; others are of the photo alone."""
@@ -34,12 +33,12 @@ COARSE_RING = 24
 
 
 class Stage(nn.Module):
-    """A stage of a network.
+    """A stage of a network. `forward` takes tensors in the order of `inputs`, and returns those of `outputs`.
 
     Attributes:
-        inputs: names of what `forward` takes, and of how many of the photo's pixels a cell of theirs is a side; None
-            where sizes are fixed.
-        outputs: names of what it returns.
+        inputs: their names, and of how many of the photo's pixels a cell of theirs is a side; None where sizes are
+            fixed.
+        outputs: names.
     """
 
     inputs: ClassVar[dict[str, int | None]]
@@ -50,15 +49,13 @@ class Stage(nn.Module):
         self.network = network
         self.settings = network.settings
 
-    def depths(self, ranges: Tensor, candidates: int | None = None) -> InverseDepths:
+    def depths(self, ranges: Tensor) -> InverseDepths:
         """Ranges (N, 2) as such."""
-        return InverseDepths(ranges[:, 0], ranges[:, 1], candidates or self.settings.analysis.candidates)
+        return InverseDepths(ranges[:, 0], ranges[:, 1], self.settings.analysis.candidates)
 
-
-def _terms(maps: Tensor, K: Tensor, pairs: ViewPairs) -> tuple[Tensor, Tensor]:
-    """`ViewPairs.sweep_terms` on the grid of maps (…, C, h, w)."""
-    height, width = maps.shape[2:]
-    return pairs.sweep_terms(pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width), K)
+    def views(self, maps: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor) -> Comparison:
+        """The photo and its neighbours on the grid of maps."""
+        return Comparison.on(maps, K, ViewPairs.first(c2w), self.depths(ranges))
 
 
 class Glance(Stage):
@@ -70,9 +67,9 @@ class Glance(Stage):
     def forward(self, cells: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor) -> Tensor:
         """(1, 1, h, w) of cells (N, 3, h, w), means of 8 × 8 pixels, and ranges (N, 2)."""
         s = self.settings
-        pairs, look = ViewPairs.first(c2w), self.depths(ranges, s.exposure.candidates)
+        look = self.views(cells, K, c2w, ranges).at(s.exposure.candidates)
         blind = blindly(s.analysis, s.exposure)
-        _, paths = matched(cells, _terms(cells, K, pairs), pairs, look, blind)
+        _, paths = matched(cells, look, blind)
         return soft_argmin(paths, blind.sharpness)
 
 
@@ -90,14 +87,13 @@ class Settle(Stage):
         Levels (N, 1, h, w) are those of `Glance`.
         """
         s = self.settings
-        pairs, look = ViewPairs.first(c2w), self.depths(ranges, s.exposure.candidates)
-        terms = _terms(cells, K, pairs)
-        blind = blindly(s.analysis, s.exposure)
-        agreement = cross_view_agreement(levels, terms, pairs, look, blind)
-        _, there, sound = compared(cells, levels, agreement, terms, pairs, look, s.exposure)
+        views = self.views(cells, K, c2w, ranges)
+        look = views.at(s.exposure.candidates)
+        agreement = cross_view_agreement(levels, look, blindly(s.analysis, s.exposure))
+        _, there, sound = compared(cells, levels, agreement, look, s.exposure)
         matching = replace(s.analysis, fill_dilations=s.narrowing.dilations)
-        filled, agreement = agreed(levels, cells, terms, pairs, look, matching)
-        found = taken_up(filled, agreement, terms, pairs, self.depths(ranges), s.narrowing)
+        filled, agreement = agreed(levels, cells, look, matching)
+        found = taken_up(filled, agreement, views, s.narrowing)
         return there, sound, torch.stack([found.offset, found.span], dim=1)
 
 
@@ -109,8 +105,7 @@ class Match(Stage):
 
     def forward(self, half: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """`Matches` of photos (N, 3, h, w) of one exposure at half resolution."""
-        pairs = ViewPairs.first(c2w)
-        found = match(half, _terms(half, K, pairs), pairs, self.depths(ranges), self.settings)
+        found = match(half, self.views(half, K, c2w, ranges), self.settings)
         return found.costs, found.paths, found.coarse_paths, found.level
 
 
@@ -118,33 +113,16 @@ class Estimating(Stage):
     """Depth at half resolution by the refiner and the U-Net."""
 
     inputs: ClassVar = {
-        "half": 2,
-        "K": None,
-        "c2w": None,
-        "ranges": None,
-        "costs": 2,
-        "paths": 2,
-        "coarse_paths": 4,
-        "levels": 2,
-    }
+        "half": 2, "K": None, "c2w": None, "ranges": None, "costs": 2, "paths": 2, "coarse_paths": 4, "levels": 2,
+    }  # fmt: skip
     outputs = ("level", "agreement", "features", "coarse_features", "full", "clues")
 
-    def forward(
-        self,
-        half: Tensor,
-        K: Tensor,
-        c2w: Tensor,
-        ranges: Tensor,
-        costs: Tensor,
-        paths: Tensor,
-        coarse_paths: Tensor,
-        levels: Tensor,
-    ) -> tuple[Tensor, ...]:
+    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
         """`Estimate` but for its logits, of what `Match` found; levels (N, 1, h, w)."""
-        pairs = ViewPairs.first(c2w)
-        matches = Matches(costs, paths, coarse_paths, pairs.own(levels))
-        terms = _terms(half, K, pairs)
-        found = self.network.estimate(half, K, terms, pairs, self.depths(ranges), matches, levels)
+        half, K, c2w, ranges, costs, paths, coarse_paths, levels = given
+        views = self.views(half, K, c2w, ranges)
+        matches = Matches(costs, paths, coarse_paths, views.pairs.own(levels))
+        found = self.network.estimate(half, views, matches, levels)
         return found.level, found.agreement, found.features, found.coarse_features, found.full, found.clues
 
 
@@ -157,16 +135,13 @@ class Dress(Stage):
     }  # fmt: skip
     outputs = ("level", "opacity", "footprint", "colours", "changes")
 
-    def forward(
-        self, images: Tensor, shown: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor, levels: Tensor, agreements: Tensor,
-        features: Tensor, coarse_features: Tensor, full: Tensor, clues: Tensor,
-    ) -> tuple[Tensor, ...]:  # fmt: skip
+    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
         """`Dressed` of photos (N, 3, H, W) of one exposure, and (1, 3, H, W) in that to show."""
+        images, shown, K, c2w, ranges, levels, agreements, *estimated = given
         pairs, depths = ViewPairs.first(c2w), self.depths(ranges)
         none = torch.zeros(())
         views = MatchedViews(images, shown, K, c2w, none, depths)
-        level, agreement = pairs.own(levels), pairs.own(agreements)
-        estimate = Estimate(none, level, agreement, features, coarse_features, full, clues)
+        estimate = Estimate(none, pairs.own(levels), pairs.own(agreements), *estimated)
         seen = self.network.seen(views, pairs, pairs, estimate, levels, agreements)
         found = self.network.dress(seen, depths.of(pairs))
         c = found.changes
@@ -178,24 +153,14 @@ class Finish(Stage):
     """A photo's Gaussians, once its neighbours have had their say."""
 
     inputs: ClassVar = {
-        "shown": 1,
-        "K": None,
-        "c2w": None,
-        "far": None,
-        "ranges": None,
-        "levels": 1,
-        "alphas": 1,
-        "footprint": 1,
-        "colours": 1,
-        "changes": 4,
-    }
+        "shown": 1, "K": None, "c2w": None, "far": None, "ranges": None, "levels": 1, "alphas": 1, "footprint": 1,
+        "colours": 1, "changes": 4,
+    }  # fmt: skip
     outputs = OUTPUT_NAMES
 
-    def forward(
-        self, shown: Tensor, K: Tensor, c2w: Tensor, far: Tensor, ranges: Tensor, levels: Tensor, alphas: Tensor,
-        footprint: Tensor, colours: Tensor, changes: Tensor,
-    ) -> tuple[Tensor, ...]:  # fmt: skip
+    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
         """The tensors of `OUTPUT_NAMES` of what `Dress` found; levels and opacities (N, 1, H, W), far (1,)."""
+        shown, K, c2w, far, ranges, levels, alphas, footprint, colours, changes = given
         pairs = ViewPairs.first(c2w)
         coarse = CoarseChanges(*changes.split([1, 1, 1, 3], dim=1))
         dressed = Dressed(pairs.own(levels), pairs.own(alphas), footprint, colours, coarse)

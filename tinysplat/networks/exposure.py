@@ -17,9 +17,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .geometry import inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .pairs import ViewPairs
-from .sweep import InverseDepths, SweepSettings, error_in_sources, matched, settled
+from .sweep import Comparison, InverseDepths, SweepSettings, error_in_sources, matched, settled
 
 
 @dataclass(frozen=True)
@@ -76,13 +75,11 @@ def one_exposure(
     """
     s = settings
     cells = functional.avg_pool2d(images, s.cell)
-    rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
-    terms = pairs.sweep_terms(rays, K_unit)
-    look = InverseDepths(whole.offset, whole.span, s.candidates)
+    views = Comparison.on(cells, K_unit, pairs, whole).at(s.candidates)
     blind = blindly(matching, s)
-    _, paths = matched(cells, terms, pairs, look, blind)
-    level, agreement = settled(paths, cells, terms, pairs, look, blind)
-    (gain, offset), (shown_gain, shown_offset) = _exposures(cells, level, agreement, terms, pairs, look, s)
+    _, paths = matched(cells, views, blind)
+    level, agreement = settled(paths, cells, views, blind)
+    (gain, offset), (shown_gain, shown_offset) = _exposures(cells, level, agreement, views, s)
     return (images * gain + offset).clamp(0, 1), (images * shown_gain + shown_offset).clamp(0, 1)
 
 
@@ -94,53 +91,37 @@ def blindly(matching: SweepSettings, settings: ExposureSettings) -> SweepSetting
 
 
 def _exposures(
-    cells: Tensor,
-    level: Tensor,
-    agreement: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    look: InverseDepths,
-    settings: ExposureSettings,
+    cells: Tensor, level: Tensor, agreement: Tensor, views: Comparison, s: ExposureSettings
 ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
     """Gains and offsets (V, 3, 1, 1), to match with and to show, from cells (V, 3, h, w) and where they match."""
-    s = settings
-    here, there, sound = compared(cells, level, agreement, terms, pairs, look, s)
-    weight = sound
+    here, there, sound = compared(cells, level, agreement, views, s)
+    weight, pairs, count = sound, views.pairs, cells.shape[0]
     for _ in range(s.rounds):
-        gain, offset = _solved(here, there, weight, pairs, cells.shape[0], s)
+        gain, offset = _solved(here, there, weight, pairs, count, s)
         rest = gain[pairs.reference] * here + offset[pairs.reference]
         rest = rest - gain[pairs.source] * there - offset[pairs.source]
         weight = sound / (1 + rest.square().mean(dim=1, keepdim=True) / s.outlier**2)
-    views = cells.shape[0]
-    return _solved(here, there, weight, pairs, views, s), _solved(here, there, weight, pairs, views, s, shown=True)
+    return _solved(here, there, weight, pairs, count, s), _solved(here, there, weight, pairs, count, s, shown=True)
 
 
 def compared(
-    cells: Tensor,
-    levels: Tensor,
-    agreement: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    look: InverseDepths,
-    settings: ExposureSettings,
+    cells: Tensor, levels: Tensor, agreement: Tensor, views: Comparison, settings: ExposureSettings
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Colours of cells and of their sources at the same places, (P, 3, h, w), and how sure that is, (P, 1, h, w).
 
     Args:
         cells, levels: (…, 3, h, w) and (…, 1, h, w) of all views.
         agreement: (V, 1, h, w) of those whose depth is sought.
-        terms, pairs, look: of the cells.
+        views: on the cells.
         settings: of `one_exposure`.
     """
-    s = settings
-    error, _, _ = error_in_sources(levels, terms, pairs, look)
-    x, y, ratio = project_sweep(*terms, look.at(levels)[pairs.reference])
-    there = sample_bilinear(cells[pairs.source], x, y)[:, :, 0]
-    here = cells[pairs.reference]
+    s, reference = settings, views.pairs.reference
+    error, inside, there = error_in_sources(levels, views, cells)
+    here = cells[reference]
     darkest = torch.minimum(here, there).amin(dim=1, keepdim=True)
     brightest = torch.maximum(here, there).amax(dim=1, keepdim=True)
-    sound = ((darkest > s.clipped) & (brightest < 1 - s.clipped)).to(cells.dtype) * inside_frame(x, y, ratio)
-    sound = sound * agreement[pairs.reference] * torch.exp(-0.5 * (error / s.consistency).square())
+    sound = ((darkest > s.clipped) & (brightest < 1 - s.clipped)).to(cells.dtype) * inside
+    sound = sound * agreement[reference] * torch.exp(-0.5 * (error / s.consistency).square())
     return here, there, sound
 
 

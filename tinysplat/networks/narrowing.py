@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .geometry import pixel_intrinsics, pixel_rays, project_sweep
+from .geometry import project_sweep
 from .pairs import ViewPairs
-from .sweep import InverseDepths, SweepSettings, matched, settled
+from .sweep import Comparison, InverseDepths, SweepSettings, matched, settled
 
 
 @dataclass(frozen=True)
@@ -60,41 +60,32 @@ def narrowed(
         matching: of the coarse grid's costs and paths.
     """
     s = settings
-    look = InverseDepths(whole.offset, whole.span, s.candidates)
     cells = functional.avg_pool2d(images, s.cell)
-    rays = pixel_rays(pixel_intrinsics(K_unit, *cells.shape[2:]), *cells.shape[2:])
-    terms = pairs.sweep_terms(rays, K_unit)
+    views = Comparison.on(cells, K_unit, pairs, whole)
+    look = views.at(s.candidates)
     matching = replace(matching, fill_dilations=s.dilations)
-    _, paths = matched(cells, terms, pairs, look, matching)
-    level, agreement = settled(paths, cells, terms, pairs, look, matching)
-    return taken_up(level, agreement, terms, pairs, whole, s)
+    _, paths = matched(cells, look, matching)
+    level, agreement = settled(paths, cells, look, matching)
+    return taken_up(level, agreement, views, s)
 
 
-def taken_up(
-    level: Tensor,
-    agreement: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    whole: InverseDepths,
-    settings: NarrowingSettings,
-) -> InverseDepths:
+def taken_up(level: Tensor, agreement: Tensor, views: Comparison, settings: NarrowingSettings) -> InverseDepths:
     """The part of the range of views whose depth is sought that their filled levels (V, 1, h, w) on cells take up.
 
     Args:
         level, agreement: (V, 1, h, w) of cells, as `settled` has them.
-        terms: of `ViewPairs.sweep_terms` on cells.
-        pairs: views that were compared.
-        whole: the ranges of all views.
+        views: that were compared on cells, with their whole ranges.
         settings: of `narrowed`.
     """
     s, last = settings, settings.candidates - 1
+    pairs, whole = views.pairs, views.depths
     weight = agreement.clamp_min(s.least_weight)
     first = quantile(level, weight, s.tail, s.candidates) - s.margin / last
     final = quantile(level, weight, 1 - s.tail, s.candidates) + s.margin / last
     first, final = first.clamp(0, 1), final.clamp(0, 1)
 
     ends = torch.stack([whole.offset, whole.offset + whole.span], dim=1)[pairs.reference][:, :, None, None]
-    x, y, _ = project_sweep(*terms, ends)
+    x, y, _ = project_sweep(*views.terms, ends)
     height, width = s.cell * level.shape[2], s.cell * level.shape[3]
     moved = torch.sqrt((width * (x[:, 1] - x[:, 0])).square() + (height * (y[:, 1] - y[:, 0])).square())
     pixels = pairs.by_view(moved.clamp(1e-3, 2.0 * width)).mean(dim=(1, 2, 3))  # (V,) of the whole range

@@ -153,19 +153,15 @@ class Sweep(nn.Module):
         """
         settings = self.settings
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
-        sweep = InverseDepths(1 / far, 1 / near - 1 / far, settings.candidates)
+        depths = InverseDepths(1 / far, 1 / near - 1 / far, settings.candidates)
         half = functional.avg_pool2d(images, 2)
-        rays = pixel_rays(pixel_intrinsics(K, half.shape[2], half.shape[3]), half.shape[2], half.shape[3])
-        terms = pairs.sweep_terms(rays, K)
+        views = Comparison.on(half, K, pairs, depths)
+        _, paths = matched(half, views, settings)
+        level, agreement = settled(paths, half, views, settings)
+        opacities = opacities_from_agreement(level, agreement, Comparison.on(half, K, witnesses, depths), settings)
 
-        _, paths = matched(half, terms, pairs, sweep, settings)
-        level, agreement = settled(paths, half, terms, pairs, sweep, settings)
-        opacities = opacities_from_agreement(
-            level, agreement, witnesses.sweep_terms(rays, K), witnesses, sweep, settings
-        )
-
-        level = align_photos(double(level), images, K, pairs, sweep, settings.alignment)
-        inverse_depth = sweep.at(level)
+        level = align_photos(double(level), images, Comparison.on(images, K, pairs, depths), settings.alignment)
+        inverse_depth = depths.at(level)
         opacities = double(opacities)
         weights = splat_weights(inverse_depth, opacities, settings.footprint, settings.surfaces)
         colours = sharpened(images, weights, *settings.sharpening)
@@ -202,77 +198,94 @@ class InverseDepths:
         return self.offset[:, None] + self.span[:, None] * torch.linspace(0, 1, self.count)
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """Views that are compared on one grid, and the depths that are sought.
+
+    Attributes:
+        pairs: of the views.
+        terms: of `sweep_coefficients`, for every pair on the grid.
+        depths: ranges of all views.
+    """
+
+    pairs: ViewPairs
+    terms: tuple[Tensor, Tensor]
+    depths: InverseDepths
+
+    @classmethod
+    def on(cls, maps: Tensor, K_unit: Tensor, pairs: ViewPairs, depths: InverseDepths) -> Comparison:
+        """On the grid of maps (…, C, h, w); K_unit (…, 3, 3) is of all views, divided by image width and height."""
+        height, width = maps.shape[2:]
+        rays = pixel_rays(pixel_intrinsics(pairs.own(K_unit), height, width), height, width)
+        return cls(pairs, pairs.sweep_terms(rays, K_unit), depths)
+
+    def at(self, count: int) -> Comparison:
+        """The same with so many candidates."""
+        return replace(self, depths=replace(self.depths, count=count))
+
+    def read(self, maps: Tensor, inverse_depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What sources have at the places of points.
+
+        Args:
+            maps: (…, C, h, w) of all views.
+            inverse_depth: of the points, (V, D, h, w) or (V, D, 1, 1).
+
+        Returns:
+            The maps there (P, C, D, h, w); 1 where a point is in the source's frame, else 0, and its depth in the
+            source over that in the reference, (P, D, h, w).
+        """
+        x, y, ratio = project_sweep(*self.terms, inverse_depth[self.pairs.reference])
+        return sample_bilinear(maps[self.pairs.source], x, y), inside_frame(x, y, ratio), ratio
+
+
 def matched(
-    guide: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    sweep: InverseDepths,
-    settings: SweepSettings,
-    lead: Tensor | float = 0.0,
+    guide: Tensor, views: Comparison, settings: SweepSettings, lead: Tensor | float = 0.0
 ) -> tuple[Tensor, Tensor]:
     """Costs of every candidate and what semi-global aggregation makes of them, both (V, D, h, w).
 
     Args:
         guide: (V, 3, h, w) colours.
-        terms, pairs, sweep, settings: as for `matching_costs`.
+        views: to compare.
+        settings: of costs and paths.
         lead: added to the costs: what is known beforehand.
 
     Returns:
         The costs; the aggregated costs less their minimum over candidates.
     """
-    costs = matching_costs(guide, terms, pairs, sweep, settings) + lead
-    paths = path_costs(costs, pairs.own(guide), step=settings.step, jump=settings.jump, edge=settings.edge)
+    costs = matching_costs(guide, views, settings) + lead
+    paths = path_costs(costs, views.pairs.own(guide), step=settings.step, jump=settings.jump, edge=settings.edge)
     return costs, paths - paths.amin(dim=1, keepdim=True)
 
 
-def settled(
-    paths: Tensor,
-    guide: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    sweep: InverseDepths,
-    settings: SweepSettings,
-) -> tuple[Tensor, Tensor]:
+def settled(paths: Tensor, guide: Tensor, views: Comparison, settings: SweepSettings) -> tuple[Tensor, Tensor]:
     """Level (V, 1, h, w) of the lowest aggregated costs, filled where views disagree, and agreement before filling."""
-    return agreed(soft_argmin(paths, settings.sharpness), guide, terms, pairs, sweep, settings)
+    return agreed(soft_argmin(paths, settings.sharpness), guide, views, settings)
 
 
-def agreed(
-    level: Tensor,
-    guide: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    sweep: InverseDepths,
-    settings: SweepSettings,
-) -> tuple[Tensor, Tensor]:
+def agreed(level: Tensor, guide: Tensor, views: Comparison, settings: SweepSettings) -> tuple[Tensor, Tensor]:
     """Levels (…, 1, h, w) of all views, filled where views disagree, and agreement before filling."""
-    agreement = cross_view_agreement(level, terms, pairs, sweep, settings)
-    own, colours = pairs.own(level), pairs.own(guide)
+    agreement = cross_view_agreement(level, views, settings)
+    own, colours = views.pairs.own(level), views.pairs.own(guide)
     filled = fill_uncertain(own, agreement, colours, edge=settings.fill_edge, dilations=settings.fill_dilations)
     return filled, agreement
 
 
-def matching_costs(
-    half: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, settings: SweepSettings
-) -> Tensor:
+def matching_costs(half: Tensor, views: Comparison, settings: SweepSettings) -> Tensor:
     """Photo-consistency (V, D, h, w) of every candidate: 0 is a perfect match.
 
     Truncated absolute differences of colour and of local contrast (which does not see exposure), averaged over a
     small box and over the sources that have the point in their frame.
     """
-    features = half
+    features, pairs = half, views.pairs
     if settings.contrast_weight:
         contrast = local_contrast(half.mean(dim=1, keepdim=True), settings.contrast_window, floor=0.03)
         features = torch.cat([half, contrast], dim=1)
-    candidates = sweep.candidates()[pairs.reference][:, :, None, None]
-    x, y, ratio = project_sweep(*terms, candidates)
-    read = sample_bilinear(features[pairs.source], x, y)  # (P, 3 or 4, D, h, w)
+    read, seen, _ = views.read(features, views.depths.candidates()[:, :, None, None])  # (P, 3 or 4, D, h, w)
     difference = (read - features[pairs.reference][:, :, None]).abs()
     cost = settings.colour_weight * difference[:, :3].mean(dim=1).clamp_max(settings.colour_limit)
     if settings.contrast_weight:
         cost = cost + settings.contrast_weight * difference[:, 3].clamp_max(settings.contrast_limit)
     cost = box_mean(cost, settings.window)
-    seen = inside_frame(x, y, ratio)
     count = pairs.by_view(seen).sum(dim=1)
     mean = pairs.by_view(cost * seen).sum(dim=1) / count.clamp_min(1)
     return torch.where(count > 0, mean, settings.unseen_cost)
@@ -290,79 +303,65 @@ def soft_argmin(costs: Tensor, sharpness: float) -> Tensor:
     return (weights * index).sum(dim=1, keepdim=True) / weights.sum(dim=1, keepdim=True) / (count - 1)
 
 
-def error_in_sources(
-    level: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, *further: Tensor
-) -> tuple[Tensor, Tensor, Tensor]:
+def error_in_sources(level: Tensor, views: Comparison, *further: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """How far the points of `level` (V, 1, h, w) lie before what each source sees at their place.
 
     Returns:
         The distance in candidates (P, 1, h, w), positive in front; 1 where the point is in the source's frame; and
         `further` maps (V, 1, h, w) as the source has them there, (P, n, h, w).
     """
-    inverse_depth = sweep.at(level)
-    x, y, ratio = project_sweep(*terms, inverse_depth[pairs.reference])
-    read = sample_bilinear(torch.cat([inverse_depth, *further], dim=1)[pairs.source], x, y)[:, :, 0]
+    pairs, depths = views.pairs, views.depths
+    inverse_depth = depths.at(level)
+    read, seen, ratio = views.read(torch.cat([inverse_depth, *further], dim=1), inverse_depth)
     expected = inverse_depth[pairs.reference] / ratio.clamp_min(BEHIND)
-    unit = (sweep.span / (sweep.count - 1))[pairs.source][:, None, None, None]
-    return (expected - read[:, :1]) / unit, inside_frame(x, y, ratio), read[:, 1:]
+    unit = (depths.span / (depths.count - 1))[pairs.source][:, None, None, None]
+    return (expected - read[:, :1, 0]) / unit, seen, read[:, 1:, 0]
 
 
-def cross_view_agreement(
-    level: Tensor, terms: tuple[Tensor, Tensor], pairs: ViewPairs, sweep: InverseDepths, settings: SweepSettings
-) -> Tensor:
+def cross_view_agreement(level: Tensor, views: Comparison, settings: SweepSettings) -> Tensor:
     """How well the depth that a source view has at a pixel's place agrees with the pixel's own, (V, 1, h, w) in (0, 1].
 
     The best source counts. A pixel that no source has in its frame gets `unseen_agreement`.
     """
-    error, seen, _ = error_in_sources(level, terms, pairs, sweep)
-    agreement = pairs.by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
-    anywhere = pairs.by_view(seen).amax(dim=1)
+    error, seen, _ = error_in_sources(level, views)
+    by_view = views.pairs.by_view
+    agreement = by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
+    anywhere = by_view(seen).amax(dim=1)
     return torch.where(anywhere > 0, agreement, settings.unseen_agreement).clamp_min(1e-3)
 
 
-def opacities_from_agreement(
-    level: Tensor,
-    matched: Tensor,
-    terms: tuple[Tensor, Tensor],
-    pairs: ViewPairs,
-    sweep: InverseDepths,
-    settings: SweepSettings,
-) -> Tensor:
+def opacities_from_agreement(level: Tensor, matched: Tensor, views: Comparison, settings: SweepSettings) -> Tensor:
     """Opacity (V, 1, h, w) of a filled level map: high where views agree, low in space that another view sees through.
 
     Args:
         level: (V, 1, h, w) after filling.
         matched: (V, 1, h, w) agreement before filling, a source's weight as a witness.
-        terms, pairs, sweep, settings: as for `cross_view_agreement`.
+        views: every view with every other.
+        settings: of trust.
     """
-    trust = settings.trust
-    error, seen, witness = error_in_sources(level, terms, pairs, sweep, matched)
+    trust, by_view = settings.trust, views.pairs.by_view
+    error, seen, witness = error_in_sources(level, views, matched)
     in_front = ((error - trust.intrusion_from) / trust.intrusion_ramp).clamp(0, 1)
-    intrusion = pairs.by_view(in_front * seen * witness.clamp(trust.least_witness, 1.0)).amax(dim=1)
-    agreement = pairs.by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
-    hidden = pairs.by_view((error < 0) * seen).amax(dim=1) * trust.hidden
-    anywhere = pairs.by_view(seen).amax(dim=1)
+    intrusion = by_view(in_front * seen * witness.clamp(trust.least_witness, 1.0)).amax(dim=1)
+    agreement = by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
+    hidden = by_view((error < 0) * seen).amax(dim=1) * trust.hidden
+    anywhere = by_view(seen).amax(dim=1)
     agreement = torch.where(anywhere > 0, torch.maximum(agreement, hidden), trust.unseen)
     return trust.opacity * (1 - trust.intrusion_share * intrusion) * (1 - trust.agreement_share * (1 - agreement))
 
 
-def align_photos(
-    level: Tensor, images: Tensor, K: Tensor, pairs: ViewPairs, sweep: InverseDepths, settings: AlignmentSettings
-) -> Tensor:
-    """Refine a level map (V, 1, H, W) at full resolution by Gauss-Newton steps on the colour difference to the sources.
+def align_photos(level: Tensor, images: Tensor, views: Comparison, settings: AlignmentSettings) -> Tensor:
+    """Refine levels (V, 1, H, W) on the images' own grid by Gauss-Newton steps on the colour difference to the sources.
 
     Lucas and Kanade 1981 along the epipolar line: the pixels of a box move together, outliers count less.
     """
-    height, width = images.shape[2:]
-    rays = pixel_rays(pixel_intrinsics(pairs.own(K), height, width), height, width)
-    terms = pairs.sweep_terms(rays, K)
-    unit = 1 / (sweep.count - 1)
+    pairs, depths = views.pairs, views.depths.of(views.pairs)
+    unit = 1 / (depths.count - 1)
     for _ in range(settings.steps):
         reach = settings.reach * unit
-        samples = sweep.of(pairs).at(torch.cat([level - reach, level, level + reach], dim=1))
-        x, y, ratio = project_sweep(*terms, samples[pairs.reference])
-        read = sample_bilinear(images[pairs.source], x, y)  # (P, 3, 3 samples, H, W)
-        seen = inside_frame(x[:, 1:2], y[:, 1:2], ratio[:, 1:2])
+        samples = depths.at(torch.cat([level - reach, level, level + reach], dim=1))
+        read, inside, _ = views.read(images, samples)  # (P, 3, 3 samples, H, W)
+        seen = inside[:, 1:2]
         slope = (read[:, :, 2] - read[:, :, 0]) / (2 * settings.reach)  # colour per candidate
         rest = read[:, :, 1] - images[pairs.reference]
         weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / settings.outlier**2)

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .geometry import pixel_intrinsics, pixel_rays
-from .pairs import ViewPairs
-from .sweep import InverseDepths, error_in_sources
+from .sweep import Comparison, error_in_sources
 
 
 @dataclass(frozen=True)
@@ -42,31 +40,18 @@ class WitnessSettings:
     rank_width: float = 0.1
 
 
-def kept_opacity(
-    level: Tensor,
-    trust: Tensor,
-    K_unit: Tensor,
-    c2w: Tensor,
-    pairs: ViewPairs,
-    depths: InverseDepths,
-    settings: WitnessSettings,
-) -> Tensor:
+def kept_opacity(level: Tensor, trust: Tensor, c2w: Tensor, views: Comparison, settings: WitnessSettings) -> Tensor:
     """Factor (V, 1, H, W) in [0, 1] on the opacity of every pixel's Gaussian; 1 everywhere for two views.
 
     Args:
-        level: (V, 1, H, W) of `depths`.
+        level: (V, 1, H, W) of the depths of `views`.
         trust: (V, 1, H, W) in [0, 1], what each pixel is worth as a witness.
-        K_unit: (V, 3, 3) intrinsics divided by image width and height.
         c2w: (V, 4, 4).
-        pairs: every view with every other.
-        depths: the range that was swept.
+        views: every one with every other, on their photos.
         settings: of this function.
     """
-    s = settings
-    height, width = level.shape[2:]
-    rays = pixel_rays(pixel_intrinsics(pairs.own(K_unit), height, width), height, width)
-    terms = pairs.sweep_terms(rays, K_unit)
-    error, seen, worth = error_in_sources(level, terms, pairs, depths, trust)
+    s, pairs = settings, views.pairs
+    error, seen, worth = error_in_sources(level, views, trust)
     worth = worth * seen
     same = worth * torch.exp(-0.5 * (error / s.consistency).square())
     hidden = worth * ((error - s.intrusion_from) / s.intrusion_ramp).clamp(0, 1)
