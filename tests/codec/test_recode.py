@@ -102,7 +102,7 @@ def test_another_scene_is_coded_with_the_steps_and_maps_of_the_file() -> None:
     steps = [[(c.name, c.qp, c.scale) for c in layer.channels] for layer in (a, b)]
     assert steps[0] == steps[1]
     np.testing.assert_array_equal(a.basis, b.basis)
-    assert set(stats.clipped) <= {"depth", "color", "opacity", "scale", "rotation", "offset"}
+    assert not stats.clipped.get("depth")
 
 
 def test_pictures_of_another_x265_are_all_coded_anew() -> None:

@@ -178,13 +178,19 @@ test("a point is on the nearest of what shows there", () => {
   const depths = [5, 3, 0.01, -3, 2], cloud = cloudOf(5), viewer = made(VIEWS, { cloud }), { camera } = viewer;
   depths.forEach((depth, i) => cloud.means.set(add(camera.position, camera.ray(211, 97, 400, 250), depth), 3 * i));
   cloud.opacities[4] = 0.1; // hardly shows
-  const far = (x, y) => add(viewer.pointAt(x, y), camera.position, -1)[2] / camera.ray(x, y, 400, 250)[2];
-  close([far(211, 97), far(20, 30)], [3, 4], 1e-5);
+  const far = (x, y) => {
+    const along = add(viewer.pointAt(x, y), camera.position, -1), ray = camera.ray(x, y, 400, 250);
+    const distance = along[2] / ray[2];
+    close(along, scaled(ray, distance), 1e-5);
+    return distance;
+  };
+  close([far(211, 97)], [3], 1e-5);
+  assert.ok(far(20, 30) > 0, "before the camera, where nothing shows");
   const walk = made([...Array(12)].map((_, n) => view(n)), { cloud });
   walk.select(11, true);
   const { position } = walk.camera;
   cloud.means.fill(0).set(add(position, walk.camera.ray(211, 97, 400, 250), 3));
-  close(walk.pointAt(211, 97)[2], 4); // what is of a view so far away is not drawn
+  assert.ok(Math.abs(walk.pointAt(211, 97)[2] - position[2] - 3) > 0.1, "what is of a view so far away is not drawn");
 });
 
 test("a double click turns to what shows there, or returns", () => {
@@ -198,18 +204,11 @@ test("a double click turns to what shows there, or returns", () => {
   close([viewer.camera.target, viewer.camera.rotation[0][1]], [point, 0], 0.02);
 });
 
-test("frames say what is to be drawn", () => {
-  const viewer = made();
-  Object.assign(viewer.settings, { degree: 1, leastOpacity: 0.4, ownPixels: false, lines: true });
-  const { degree, leastOpacity, ownPixels, lines, light } = viewer.drawing();
-  assert.deepEqual([degree, leastOpacity, ownPixels, light], [1, 0.4, false, 1]);
-  assert.ok(lines.length > 0);
-  press("pointerdown");
-  viewer.camera.shift(0, 0, -1.2 * viewer.bound.side);
-  assert.ok(viewer.drawing().light < 1, "what lies beyond the bound is dimmed");
-  viewer.settings.depth = true;
-  assert.equal(viewer.drawing().depth, true);
-  const bare = made(VIEWS, { isBare: true });
-  bare.settings.lines = true;
-  assert.ok(!bare.drawing().lines && !bare.drawing().fades);
+test("a bare page draws no lines and fades nothing, as render does", () => {
+  const [usual, bare] = [false, true].map((isBare) => {
+    const viewer = made(VIEWS, { isBare });
+    viewer.settings.lines = true;
+    return viewer.drawing();
+  });
+  assert.ok(usual.lines && usual.fades && !bare.lines && !bare.fades);
 });
