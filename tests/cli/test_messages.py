@@ -158,7 +158,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("view none.tsplat", "none.tsplat"),
         ("view f.tsplat --player", "--player"),
         ("view f.tsplat --html v.tsplat", ".html"),
-        ("view f.tsplat --port 99999", "'99999'"),
+        ("view f.tsplat --port 65536", "'65536'"),
         ("view f.tsplat --html o.html --photos none", "none"),
         ("poses f.tsplat -o o", "f.tsplat"),
         ("models extra", "extra"),

@@ -186,6 +186,12 @@ def test_unknown_suffixes_are_refused_with_the_list(tmp_path: Path) -> None:
     refusal(tmp_path / "folder.npz")
 
 
+def test_a_path_and_gaussians_the_wrong_way_round_are_told() -> None:
+    for given in ((MADE, "g.ply"), (MADE, MADE), ("g.ply", "g.ply")):
+        with refusing(InputError, "Gaussians"):
+            save_gaussians(*given)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("suffix", "package"), [(".safetensors", "safetensors"), (".ply", "plyfile")])
 def test_missing_package_is_named_with_what_to_install(
     tmp_path: Path, missing: Callable[..., None], suffix: str, package: str

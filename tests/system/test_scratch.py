@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -74,7 +75,7 @@ def test_a_shelf_leaves_arrays_in_memory_alone() -> None:
 @on_linux
 def test_disk_is_given_back_and_shows_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    assert scratch.room() > 0
+    assert scratch.room() == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.2)  # others write there, too
     opened = descriptors()
     array = scratch.zeros(SHAPE)
     assert not list(tmp_path.iterdir())
