@@ -17,8 +17,8 @@ BEHIND = 1e-4
 
 
 def pixel_intrinsics(K_unit: Tensor, height: int, width: int) -> Tensor:
-    """Intrinsics (V, 3, 3) in pixels of a height × width grid, from those divided by image width and height."""
-    size = torch.tensor([[width], [height], [1]], dtype=K_unit.dtype)
+    """Intrinsics (…, 3, 3) in pixels of a height × width grid, from those divided by image width and height."""
+    size = torch.tensor([[width], [height], [1]], dtype=K_unit.dtype, device=K_unit.device)
     return K_unit * size
 
 
