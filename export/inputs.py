@@ -14,6 +14,15 @@ INPUT_AXES: dict[str, dict[int, str]] = {
 }
 """Inputs of the role `network` and their dynamic axes."""
 
+INPUT_RANGES = {
+    "images": "(V, 3, H, W) RGB in [0, 1]",
+    "K": "(V, 3, 3) divided by image width and height",
+    "c2w": "(V, 4, 4) OpenCV axes, relative to the mean camera centre",
+    "near": "(V,) z > 0, scene units",
+    "far": "(V,) z > near, scene units",
+}
+"""Their units and ranges, which are part of the metadata that every network shares."""
+
 
 def example_inputs(views: int, height: int, width: int) -> dict[str, Tensor]:
     """A textured plane at z = 3 seen by cameras side by side, one unit apart in all."""

@@ -18,11 +18,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import starmap
 from pathlib import Path
-from typing import Any
 
 import extra  # noqa: F401  (first: names what is missing)
 from difference import parity
-from inputs import INPUT_AXES, example_inputs
+from inputs import INPUT_AXES, INPUT_RANGES, example_inputs
 from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import nn
 from torch.export import Dim
@@ -35,6 +34,7 @@ from tinysplat.training.state import shipped_network
 from tinysplat_runtime.errors import InputError, NumericError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.graphs.predict import NetworkLimits
 from tinysplat_runtime.system.progress import working
 
 TRAINED_EDGE = MODELS / "training" / "edge.pt"
@@ -45,43 +45,27 @@ HALF_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
-class InputLimits:
-    """What a network takes; written into its metadata and checked by the runtime.
-
-    Attributes:
-        min_views, max_views: accepted numbers of views.
-        stride: H and W are multiples of it.
-        min_side: smallest H and W.
-    """
-
-    min_views: int
-    max_views: int
-    stride: int
-    min_side: int
-
-
-@dataclass(frozen=True)
 class Network:
     """A network ready for export.
 
     Attributes:
         module: with its weights.
         outputs: ONNX names of what its forward returns, in order.
-        limits: what it takes.
+        limits: what it takes; written into its metadata and checked by the runtime.
+        papers: licence, provenance and purpose.
         parity_sizes: (V, H, W) at which torch and ONNX are compared.
         parity_tolerance: largest accepted |torch − ONNX| over the output's largest magnitude, at the quantile below.
         parity_quantile: share of values that must keep the tolerance; below 1 where rounding can decide an argmin.
-        papers: licence, provenance and purpose.
         opset: version of the ONNX operator set.
     """
 
     module: nn.Module
     outputs: tuple[str, ...]
-    limits: InputLimits
-    parity_sizes: tuple[tuple[int, int, int], ...]
-    parity_tolerance: float
-    parity_quantile: float
+    limits: NetworkLimits
     papers: Mapping[str, str]
+    parity_sizes: tuple[tuple[int, int, int], ...] = ((2, 64, 96), (3, 96, 64), (6, 64, 64))
+    parity_tolerance: float = 1e-3
+    parity_quantile: float = 0.99
     opset: int = OPSET
 
 
@@ -91,15 +75,13 @@ def _sweep(options: argparse.Namespace) -> Network:
     return Network(
         sweep.Sweep(),
         sweep.OUTPUT_NAMES,
-        InputLimits(sweep.MIN_VIEWS, sweep.MAX_VIEWS, sweep.STRIDE, sweep.MIN_SIDE),
-        ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
-        parity_tolerance=5e-4,  # colours: of two Gaussians at one depth rounding decides which is in front
-        parity_quantile=0.99,
-        papers={
+        NetworkLimits(sweep.MIN_VIEWS, sweep.MAX_VIEWS, sweep.STRIDE, sweep.MIN_SIDE),
+        {
             "licence": "Apache-2.0",
             "provenance": "no learned weights: tinysplat/networks/sweep.py",
             "purpose": "plane-sweep photo-consistency to two layers of Gaussians",
         },
+        parity_tolerance=5e-4,  # colours: of two Gaussians at one depth rounding decides which is in front
     )
 
 
@@ -109,11 +91,8 @@ def _edge(options: argparse.Namespace) -> Network:
     return Network(
         module,
         edge.OUTPUT_NAMES,
-        InputLimits(edge.MIN_VIEWS, edge.MAX_VIEWS, edge.STRIDE, edge.MIN_SIDE),
-        ((2, 64, 96), (3, 96, 64), (6, 64, 64)),
-        parity_tolerance=1e-3,
-        parity_quantile=0.99,
-        papers={
+        NetworkLimits(edge.MIN_VIEWS, edge.MAX_VIEWS, edge.STRIDE, edge.MIN_SIDE),
+        {
             "licence": "Apache-2.0",
             "provenance": f"weights of tinysplat.training, last of several runs ({steps} steps), on procedural scenes"
             " and photos with an open licence (docs/MODELS.md lists them), checkpoint SHA-256"
@@ -146,11 +125,10 @@ def official_network(network: nn.Module, papers: Mapping[str, str]) -> Network:
     return Network(
         module,
         official.OUTPUT_NAMES,
-        InputLimits(**module.limits),
+        NetworkLimits(**module.limits),
+        papers,
         ((2, 64, 96), (3, 96, 64), (4, 64, 64)),
-        parity_tolerance=1e-3,
         parity_quantile=1.0,
-        papers=papers,
         opset=official.OPSET,
     )
 
@@ -174,21 +152,8 @@ def write_graph(network: Network, path: Path, half_weights: bool = False) -> Non
     papers = dict(network.papers)
     if half_weights:
         papers["weights"] = f"float16, off by at most {official.halve_weights(model):.1e} of a tensor's largest"
-    stamp(model, {"role": "network", **input_ranges(), **asdict(network.limits), **papers})
+    stamp(model, {"role": "network", "inputs": INPUT_RANGES, **asdict(network.limits), **papers})
     official.save_model(model, path)
-
-
-def input_ranges() -> dict[str, Any]:
-    """The part of the metadata that every network shares: units and ranges of the inputs."""
-    return {
-        "inputs": {
-            "images": "(V, 3, H, W) RGB in [0, 1]",
-            "K": "(V, 3, 3) divided by image width and height",
-            "c2w": "(V, 4, 4) OpenCV axes, relative to the mean camera centre",
-            "near": "(V,) z > 0, scene units",
-            "far": "(V,) z > near, scene units",
-        }
-    }
 
 
 def main() -> None:

@@ -19,21 +19,6 @@ def invert_intrinsics(K: Tensor) -> Tensor:
     return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
 
 
-def scale_intrinsics(K: Tensor, height: float, width: float) -> Tensor:
-    """Intrinsics (…, 3, 3) normalised by the image size, brought to pixels of a height × width map."""
-    one = K.new_ones(3)
-    return K * torch.stack([one * width, one * height, one])
-
-
-def relative_poses(c2w_from: Tensor, c2w_to: Tensor) -> tuple[Tensor, Tensor]:
-    """Rotation (…, 3, 3) and translation (…, 3, 1) that take points of one camera frame to another's.
-
-    inv(c2w_to) · c2w_from for rigid poses (…, 4, 4).
-    """
-    to_camera = c2w_to[..., :3, :3].transpose(-1, -2)
-    return to_camera @ c2w_from[..., :3, :3], to_camera @ (c2w_from[..., :3, 3:] - c2w_to[..., :3, 3:])
-
-
 def quats_to_matrices(quats: Tensor) -> Tensor:
     """Rotation matrices (…, 3, 3) of unit quaternions (…, 4)."""
     w, x, y, z = quats.unbind(-1)

@@ -18,7 +18,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .algebra import invert_intrinsics, relative_poses
+from .algebra import invert_intrinsics
+from .geometry import relative_pose
 
 MIN_Z = 1e-3
 """Least z of a projected point, scene units."""
@@ -46,12 +47,12 @@ def landing_points(K: Tensor, c2w: Tensor, c2w_other: Tensor, disparities: Tenso
         (N, P, D, 2) x and y in [−1, 1] from the first to the last pixel centre.
     """
     height, width = size
-    rotation, translation = relative_poses(c2w, c2w_other)  # (N, 3, 3), (N, 3, 1)
+    rotation, translation = relative_pose(c2w, c2w_other)
     rows = torch.arange(height, dtype=K.dtype, device=K.device)[:, None].expand(height, width)
     columns = torch.arange(width, dtype=K.dtype, device=K.device)[None].expand(height, width)
     pixels = torch.stack([columns, rows, torch.ones_like(rows)]).flatten(1)  # (3, P)
     turned = (K @ rotation @ invert_intrinsics(K)) @ pixels  # (N, 3, P)
-    shift = K @ translation  # (N, 3, 1)
+    shift = K @ translation[..., None]  # (N, 3, 1)
     depths = 1 / disparities
     x, y, z = (turned[:, i, :, None] * depths + shift[:, i, :, None] for i in range(3))  # (N, P, D)
     z = z.clamp_min(MIN_Z)

@@ -16,11 +16,11 @@ from torch.nn import functional
 from tinysplat_runtime.gaussian.sh import C0
 
 from .adapter import absolute_scales, offset_rays, place_means, relative_scales, world_quats
-from .algebra import scale_intrinsics
 from .cnn import FeatureCNN, normalize_images
 from .cost_volume import inverse_depth_candidates, match_scores
 from .dinov2 import SIZES, DINOv2, monocular_features, resize
 from .dpt import DPTHead, Recipe
+from .geometry import pixel_intrinsics
 from .harmonics import HarmonicsToWorld
 from .outputs import PixelGaussians
 from .transformer import MultiViewTransformer
@@ -205,7 +205,7 @@ class DepthPredictor(nn.Module):
         """One plane sweep: expected inverse depth (B·V, 1, h, w) and the candidates' probabilities (B·V, D, h, w)."""
         candidates = self.candidates(sweep, coarse)
         mv = features.mv[scale]
-        K = scale_intrinsics(sweep.K, *mv.shape[-2:]).flatten(0, 1)
+        K = pixel_intrinsics(sweep.K, *mv.shape[-2:]).flatten(0, 1)
         scores = match_scores(mv, K, sweep.c2w.flatten(0, 1), sweep.others, candidates)
         x = torch.cat([scores, features.cnn[2 - scale], mv, features.matched_mono[scale]], dim=1)
         refined = self.regressor[scale](x, sweep.near.shape[1]) + self.regressor_residual[scale](x)

@@ -50,20 +50,19 @@ def _cubic_weights(t: Tensor) -> Tensor:
     return torch.stack([far(t + 1), near(t), near(1 - t), far(2 - t)], dim=-1)
 
 
-def cubic_resize_matrix(outputs: int, scale: Tensor, inputs: int = TRAINED_GRID) -> Tensor:
-    """Matrix (outputs, inputs) of bicubic resizing along one axis: half-pixel centres, borders repeated.
+def cubic_resize_matrix(outputs: int, scale: Tensor) -> Tensor:
+    """Matrix (outputs, 37) of bicubic resizing of `TRAINED_GRID` along one axis: half-pixel centres, borders repeated.
 
     Args:
         outputs: number of output samples.
         scale: () output samples per input sample.
-        inputs: number of input samples.
     """
     position = (torch.arange(outputs, dtype=scale.dtype, device=scale.device) + 0.5) / scale - 0.5
     first = position.floor()
     weights = _cubic_weights(position - first)  # (outputs, 4)
     taps = torch.arange(-1, 3, dtype=scale.dtype, device=scale.device)
-    sources = (first[:, None] + taps).clamp(0, inputs - 1)  # (outputs, 4)
-    hits = sources[..., None] == torch.arange(inputs, dtype=scale.dtype, device=scale.device)  # (outputs, 4, inputs)
+    sources = (first[:, None] + taps).clamp(0, TRAINED_GRID - 1)  # (outputs, 4)
+    hits = sources[..., None] == torch.arange(TRAINED_GRID, dtype=scale.dtype, device=scale.device)  # (outputs, 4, 37)
     return (weights[..., None] * hits).sum(dim=1)
 
 

@@ -81,7 +81,7 @@ def convolution(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -
 
 
 def convolution3(inputs: int, outputs: int) -> nn.Conv3d:
-    """A 3 × 3 × 3 convolution, initialised as `_convolution`."""
+    """A 3 × 3 × 3 convolution, initialised as `convolution`."""
     layer = nn.Conv3d(inputs, outputs, 3, padding=1)
     nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
     nn.init.zeros_(layer.bias)  # type: ignore[arg-type]

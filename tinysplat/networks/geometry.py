@@ -17,8 +17,8 @@ BEHIND = 1e-4
 
 
 def pixel_intrinsics(K_unit: Tensor, height: int, width: int) -> Tensor:
-    """Intrinsics (V, 3, 3) in pixels of a height × width grid, from those divided by image width and height."""
-    size = torch.tensor([[width], [height], [1]], dtype=K_unit.dtype)
+    """Intrinsics (…, 3, 3) in pixels of a height × width grid, from those divided by image width and height."""
+    size = torch.tensor([[width], [height], [1]], dtype=K_unit.dtype, device=K_unit.device)
     return K_unit * size
 
 
@@ -129,27 +129,9 @@ def rotation_quats(rotation: Tensor) -> Tensor:
     wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
     xy, xz, yz = m[:, 1, 0] + m[:, 0, 1], m[:, 0, 2] + m[:, 2, 0], m[:, 2, 1] + m[:, 1, 2]
     diagonal = torch.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], dim=1)
-    outer = torch.stack(
-        [
-            diagonal[:, 0],
-            wx,
-            wy,
-            wz,
-            wx,
-            diagonal[:, 1],
-            xy,
-            xz,
-            wy,
-            xy,
-            diagonal[:, 2],
-            yz,
-            wz,
-            xz,
-            yz,
-            diagonal[:, 3],
-        ],
-        dim=1,
-    ).view(-1, 4, 4)
+    d0, d1, d2, d3 = diagonal.unbind(1)
+    rows = [[d0, wx, wy, wz], [wx, d1, xy, xz], [wy, xy, d2, yz], [wz, xz, yz, d3]]
+    outer = torch.stack([entry for row in rows for entry in row], dim=1).view(-1, 4, 4)
     best = diagonal.argmax(dim=1)  # (V,)
     row = torch.gather(outer, 1, best[:, None, None].expand(-1, 1, 4))[:, 0]
     return row * torch.rsqrt((row * row).sum(dim=1, keepdim=True))

@@ -29,10 +29,10 @@ RENDERED_DEGREE = 3
 """The rasterizer stops here; coefficients of degree 4 never reach an image."""
 
 
-def spiral_directions(count: int = N_DIRECTIONS) -> NDArray:
-    """Unit vectors (count, 3) float64 spread evenly over the sphere on a golden spiral."""
-    index = np.arange(count)
-    z = 1 - (2 * index + 1) / count
+def spiral_directions() -> NDArray:
+    """Unit vectors (N_DIRECTIONS, 3) float64 spread evenly over the sphere on a golden spiral."""
+    index = np.arange(N_DIRECTIONS)
+    z = 1 - (2 * index + 1) / N_DIRECTIONS
     angle = index * np.pi * (3 - np.sqrt(5))
     radius = np.sqrt(1 - z * z)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)

@@ -11,9 +11,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from .adapter import offset_rays, place_means, relative_scales, world_quats
-from .algebra import scale_intrinsics
 from .cnn import FeatureCNN, normalize_images
 from .cost_volume import inverse_depth_candidates, match_scores
+from .geometry import pixel_intrinsics
 from .harmonics import RENDERED_DEGREE, HarmonicsToWorld
 from .outputs import PixelGaussians
 from .transformer import MultiViewTransformer
@@ -170,7 +170,7 @@ class MVSplat(nn.Module):
         others = all_others(c2w)
         features = self.backbone(flat, others)
         candidates = inverse_depth_candidates(near, far, CANDIDATES).flatten(0, 1)[..., None, None]  # (B·V, 128, 1, 1)
-        K_features = scale_intrinsics(K, *features[0].shape[-2:]).flatten(0, 1)
+        K_features = pixel_intrinsics(K, *features[0].shape[-2:]).flatten(0, 1)
         scores = match_scores(features[0], K_features, c2w.flatten(0, 1), others, candidates)
         disparity, opacities, raw = self.depth_predictor(flat, scores, features, candidates, views)
         raw = raw.unflatten(0, (scenes, views))

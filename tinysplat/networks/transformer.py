@@ -12,6 +12,8 @@ from torch.nn import functional
 
 from .windows import SPLIT, attention_mask, position_code, regions_of_keys, shifted_regions, window_layout
 
+LAYERS = 6
+
 
 class WindowAttention(nn.Module):
     """softmax(q kᵀ / √C + mask) v and an output projection with LayerNorm; no biases in the projections."""
@@ -75,9 +77,9 @@ class TransformerLayer(nn.Module):
 class MultiViewTransformer(nn.Module):
     """Position code within each window, then the layers, every second one with shifted windows."""
 
-    def __init__(self, channels: int = 128, depth: int = 6) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(TransformerLayer(channels) for _ in range(depth))
+        self.layers = nn.ModuleList(TransformerLayer(channels) for _ in range(LAYERS))
 
     def forward(self, features: Tensor, others: Tensor) -> Tensor:
         """Exchange features between views.

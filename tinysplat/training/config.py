@@ -65,22 +65,18 @@ class OptimiserSettings:
 
     Attributes:
         rate: learning rate.
-        decay: weight decay.
         batch: samples per step.
         steps: after which training ends.
         warmup, cooldown: steps.
-        clip: bound on the gradient's norm.
         average: decay of the exponential moving average of the weights.
         heads_alone: leave alone what finds the surfaces (`Edge.find`), and train what dresses them.
     """
 
     rate: float = 1e-3
-    decay: float = 1e-4
     batch: int = 2
     steps: int = 5000
     warmup: int = 100
     cooldown: int = 2000
-    clip: float = 1.0
     average: float = 0.998
     heads_alone: bool = False
 
@@ -92,20 +88,12 @@ class RunSettings:
     Attributes:
         device: cpu, cuda, or auto for cuda where there is one.
         threads: of torch on the CPU; 0 leaves torch's choice.
-        bfloat16: let the learned layers compute in bfloat16 while training.
-        save_minutes: between checkpoints.
         log_steps: between lines and points of the curves.
-        validate_steps: between validations.
-        validation_windows: per validation scene and kind.
     """
 
     device: str = "auto"
     threads: int = 0
-    bfloat16: bool = True
-    save_minutes: float = 4.0
     log_steps: int = 50
-    validate_steps: int = 500
-    validation_windows: int = 1
 
 
 @dataclass(frozen=True)

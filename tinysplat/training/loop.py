@@ -29,6 +29,13 @@ CHECKPOINT, CURVES = "edge.pt", "curves.png"
 
 VALIDATION_KINDS = ("near", "wide")
 VALIDATION_SIZE = (256, 256)
+VALIDATION_STEPS = 500
+
+SAVE_SECONDS = 240.0
+"""Between checkpoints."""
+
+CLIP = 1.0
+"""Bound on the gradient's norm."""
 
 Say = Callable[[str], None]
 
@@ -107,8 +114,7 @@ def train(
         state = TrainingState.started(start, config, device)
     else:
         state = TrainingState.fresh(config, device)
-    if config.run.bfloat16:
-        use_bfloat16(state.network, device)
+    use_bfloat16(state.network, device)
     stream = SampleStream(config.data)
     for line in stream.photos.skipped:
         say(f"skipped: {line}")
@@ -138,18 +144,18 @@ class _Run:
 
     def until(self, samples: Iterator[Sample], minutes: float | None, steps: int | None) -> None:
         """Steps until the configured number, or that of this run, is done or the time is up."""
-        settings, state = self.config.run, self.state
+        state = self.state
         self.end = math.inf if minutes is None else self.started + 60 * minutes
         if steps is not None:
             self.last_step = min(self.last_step, state.step + steps)
         while state.step < self.last_step and time.monotonic() < self.end:
             batch = [next(samples) for _ in range(self.config.optimiser.batch)]
             self.recent += train_step(state, batch, self.config, self.device)
-            if state.step % settings.log_steps == 0:
+            if state.step % self.config.run.log_steps == 0:
                 self.log()
-            if state.step % settings.validate_steps == 0 and self.config.data.validation:
+            if state.step % VALIDATION_STEPS == 0 and self.config.data.validation:
                 self.validate()
-            if time.monotonic() > self.saved + 60 * settings.save_minutes:
+            if time.monotonic() > self.saved + SAVE_SECONDS:
                 self.save()
         if self.recent and not state.history:  # a run too short for a line of its own leaves curves, too
             self.log()
@@ -176,9 +182,7 @@ class _Run:
 
     def validate(self) -> None:
         """PSNR of the averaged weights on the validation windows."""
-        samples = validation_samples(
-            Path(self.config.data.validation), VALIDATION_KINDS, VALIDATION_SIZE, self.config.run.validation_windows
-        )
+        samples = validation_samples(Path(self.config.data.validation), VALIDATION_KINDS, VALIDATION_SIZE)
         with torch.device(self.device):
             by_name = validate(self.state.averaged(), (sample.to(self.device) for sample in samples))
         means = {
@@ -219,9 +223,8 @@ def train_step(
                 break
             (loss / len(batch)).backward()
             figures.append(terms)
-    is_finite = is_finite and bool(
-        torch.isfinite(torch.nn.utils.clip_grad_norm_(state.network.parameters(), settings.clip))
-    )
+    norm = torch.nn.utils.clip_grad_norm_(state.network.parameters(), CLIP)
+    is_finite = is_finite and bool(torch.isfinite(norm))
     state.step += 1
     if is_finite:
         state.optimiser.step()

@@ -1,6 +1,6 @@
 """What training minimises.
 
-photometric: L1, squared error and gradient L1 of rendered target views.
+photometric: L1, gradient L1 and the logarithm of the squared error of rendered target views.
 depth: cross-entropy of the candidates' logits at half resolution, and smooth L1 of the final depth, where it is known.
 rate: what the planes cost to code, as total variation in quantiser steps: Σ_planes mean log2(1 + |∇plane| / step).
 """
@@ -35,22 +35,21 @@ LARGEST_ERROR = 4.0
 """Depth errors beyond this many candidates pull no harder."""
 
 
+L1, GRADIENT, DECIBEL = 0.5, 0.25, 0.3
+"""Weights of the photometric term; that of the squared error's logarithm lets every picture count alike, however hard
+it is."""
+
+
 @dataclass(frozen=True)
 class LossWeights:
-    """Factors of the terms.
+    """Factors of the other terms.
 
     Attributes:
-        l1, squared, gradient: of the photometric term.
-        decibel: of the logarithm of the mean squared error in it: every picture counts alike, however hard it is.
         logits: cross-entropy of candidates.
         depth: smooth L1 of the final depth, candidates.
         rate: bits per pixel, roughly.
     """
 
-    l1: float = 0.5
-    squared: float = 0.0
-    gradient: float = 0.25
-    decibel: float = 0.3
     logits: float = 0.01
     depth: float = 0.02
     rate: float = 0.002
@@ -61,7 +60,7 @@ def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tupl
     terms: dict[str, Tensor] = {}
     figures: dict[str, float] = {}
     rendered = [(render_outputs(prediction.outputs, target.camera()), target.image) for target in sample.targets]
-    terms["photometric"] = torch.stack([photometric(a, b, weights) for a, b in rendered]).mean()
+    terms["photometric"] = torch.stack([photometric(a, b) for a, b in rendered]).mean()
     terms["rate"] = weights.rate * rate(prediction)
     if sample.depth is not None:
         truth, known = candidate_truth(prediction, sample.depth)
@@ -84,14 +83,12 @@ def _kind(zoom: float) -> str:
     return "smaller" if zoom < 1 else "same size" if zoom == 1 else "enlarged"
 
 
-def photometric(image: Tensor, target: Tensor, weights: LossWeights) -> Tensor:
-    """Weighted L1, mean squared error, its logarithm, and L1 of the differences' gradients of pictures (3, H, W)."""
+def photometric(image: Tensor, target: Tensor) -> Tensor:
+    """Weighted L1, L1 of the differences' gradients, and logarithm of the squared error of pictures (3, H, W)."""
     error = image - target
     slopes = (error[:, 1:] - error[:, :-1]).abs().mean() + (error[:, :, 1:] - error[:, :, :-1]).abs().mean()
-    squared = error.square().mean()
-    decibel = torch.log(squared / ERROR_FLOOR + 1)
-    parts = (weights.l1 * error.abs().mean(), weights.squared * squared, weights.decibel * decibel)
-    return torch.stack(parts).sum() + weights.gradient * slopes
+    decibel = torch.log(error.square().mean() / ERROR_FLOOR + 1)
+    return L1 * error.abs().mean() + DECIBEL * decibel + GRADIENT * slopes
 
 
 def candidate_truth(prediction: Prediction, depth: Tensor) -> tuple[Tensor, Tensor]:

@@ -151,4 +151,4 @@ def shipped_network(path: Path) -> tuple[Edge, int]:
 
 def _adamw(network: Edge, settings: OptimiserSettings) -> torch.optim.AdamW:
     trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
-    return torch.optim.AdamW(trained, lr=settings.rate, weight_decay=settings.decay, betas=(0.9, 0.98))
+    return torch.optim.AdamW(trained, lr=settings.rate, weight_decay=1e-4, betas=(0.9, 0.98))

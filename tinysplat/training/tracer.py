@@ -85,9 +85,8 @@ def trace(
         nothing was hit.
     """
     image, depth = np.zeros((side, side, 3), _F), np.zeros((side, side), _F)
-    camera = np.concatenate([c2w[:3, :3], c2w[:3, 3:], np.linalg.inv(K)], axis=1).astype(_F)  # (3, 7)
-    arrays = (*primitives.packed(), textures, light.astype(_F), camera)
-    _trace(*arrays, samples, image, depth)
+    camera = np.concatenate([c2w[:3, :3], c2w[:3, 3:], np.linalg.inv(K), light[:, None]], axis=1)  # (3, 8)
+    _trace(*primitives.packed(), textures, camera.astype(_F), samples, image, depth)
     return image, depth
 
 
@@ -142,22 +141,13 @@ def _texel(page: NDArray, u: float, v: float, out: NDArray) -> None:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _shade(
-    at: NDArray,
-    is_round: bool,
-    axis: int,
-    geometry: NDArray,
-    looks: NDArray,
-    page: NDArray,
-    light: NDArray,
-    ray: NDArray,
-    out: NDArray,
+    at: NDArray, axis: int, geometry: NDArray, looks: NDArray, page: NDArray, light: NDArray, ray: NDArray, out: NDArray
 ) -> None:
     """Colour of a hit: texture, Lambert's law beside ambient light, and a highlight about the mirrored light.
 
     Args:
         at: (3,) place in the primitive's frame.
-        is_round: of an ellipsoid; otherwise `axis` is that of the face.
-        axis: see `is_round`.
+        axis: of the face; −1 on an ellipsoid.
         geometry, looks: rows of the primitive.
         page: its texture.
         light: (3,) towards the light.
@@ -165,7 +155,7 @@ def _shade(
         out: (3,) becomes the colour.
     """
     normal = np.zeros(3, np.float32)
-    if is_round:
+    if axis < 0:
         u, v = math.atan2(at[0], at[2]) * geometry[_EXTENT], at[1]
         for k in range(3):
             normal[k] = at[k] / (geometry[_EXTENT + k] * geometry[_EXTENT + k])
@@ -216,14 +206,13 @@ def _trace(
     geometry: NDArray,
     looks: NDArray,
     textures: NDArray,
-    light: NDArray,
     camera: NDArray,
     samples: int,
     image: NDArray,
     depth: NDArray,
 ) -> None:
     local, spheres = _origins(geometry, camera)
-    side = depth.shape[0]
+    side, light = depth.shape[0], camera[:, 7]
     d, ray, best_ray, colour = np.empty((4, 3), np.float32)
     share, middle = _F(1) / (samples * samples), (samples * samples) // 2
     for pixel in range(side * side):
@@ -236,7 +225,7 @@ def _trace(
                 for j in range(3):
                     d[k] += camera[k, j] * (camera[j, 4] * x + camera[j, 5] * y + camera[j, 6])
                 d2 += d[k] * d[k]
-            best, at, axis = _NOTHING, -1, 0
+            best, at, axis = _NOTHING, -1, -1
             for p in range(ids.shape[0]):
                 along = d[0] * spheres[p, 0] + d[1] * spheres[p, 1] + d[2] * spheres[p, 2]
                 if spheres[p, 3] - along * along / d2 > spheres[p, 4]:
@@ -244,7 +233,7 @@ def _trace(
                 for k in range(3):
                     at_k = _ROTATION + 3 * k
                     ray[k] = geometry[p, at_k] * d[0] + geometry[p, at_k + 1] * d[1] + geometry[p, at_k + 2] * d[2]
-                extent, face = geometry[p, _EXTENT:_ROTATION], 0
+                extent, face = geometry[p, _EXTENT:_ROTATION], -1
                 if ids[p, 0] == ELLIPSOID:
                     t = _hit_ellipsoid(local[p], ray, extent)
                 else:
@@ -259,6 +248,6 @@ def _trace(
             for k in range(3):
                 best_ray[k] = local[at, k] + best * best_ray[k]
             page = textures[ids[at, 1]]
-            _shade(best_ray, ids[at, 0] == ELLIPSOID, axis, geometry[at], looks[at], page, light, d, colour)
+            _shade(best_ray, axis, geometry[at], looks[at], page, light, d, colour)
             for k in range(3):
                 image[row, column, k] += colour[k] * share

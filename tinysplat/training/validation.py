@@ -18,16 +18,13 @@ from .photos import scene_folders
 from .samples import Sample, psnr, render_outputs
 
 
-def validation_samples(
-    folder: Path, kinds: Sequence[str], size: tuple[int, int], limit: int | None = None
-) -> Iterable[Sample]:
-    """The windows of scene folders with `eval_index.json`, photos scaled to cover `size` and cropped.
+def validation_samples(folder: Path, kinds: Sequence[str], size: tuple[int, int]) -> Iterable[Sample]:
+    """The first window of each kind of scene folders with `eval_index.json`, photos scaled to cover `size` and cropped.
 
     Args:
         folder: holds scene folders, or is one.
         kinds: kinds of window wanted.
         size: (height, width).
-        limit: windows per scene and kind, evenly spread, or None for all.
 
     Raises:
         InputError: no scene with an index.
@@ -40,10 +37,7 @@ def validation_samples(
         scene = load_scene(path.parent, index.get("near"), index.get("far"))
         windows = [parse_window(entry, len(scene.frames), str(path)) for entry in index["windows"]]
         for kind in kinds:
-            chosen = [window for window in windows if window.kind == kind]
-            if limit is not None and len(chosen) > limit:
-                chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, limit).round().astype(int)]
-            for window in chosen:
+            for window in [window for window in windows if window.kind == kind][:1]:
                 views = scene.views((*window.context, *window.targets)).resized(*size)
                 K, c2w = (np.stack([getattr(camera, name) for camera in views.cameras]) for name in ("K", "c2w"))
                 pictures, count = list(zip(views.images(), K, c2w, strict=True)), len(window.context)
