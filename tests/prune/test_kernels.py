@@ -18,7 +18,6 @@ pytest.importorskip("numba")
 
 from tinysplat_runtime.prune import kernels
 from tinysplat_runtime.prune.pictures import Pictures
-from tinysplat_runtime.prune.removal import taken
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,7 @@ def test_a_removal_costs_what_pictures_without_it_show(cloud):
     sums, whole = next(Pictures([camera], Crew(2).map).measure(dim, [0])), drawn(dim, camera)
     dearest = np.argsort(-sums[:, kernels.COST])[[0, 5, 40, 120]]
     for row in dearest:
-        without = drawn(taken(dim, np.delete(np.arange(400), row)), camera)
+        without = drawn(dim.taken(np.delete(np.arange(400), row)), camera)
         assert sums[row, kernels.COST] == pytest.approx(np.square(without - whole).sum(), rel=2e-3)
 
 
@@ -53,7 +52,7 @@ def test_errors_are_those_of_the_pictures_and_of_what_they_were_first(cloud):
     for number, seen in enumerate(first):
         wanted = pictures.wanted[number]
         np.testing.assert_allclose(np.minimum(wanted, 1), seen[..., :3], atol=2e-5)
-    half = taken(cloud, np.arange(0, 400, 2))
+    half = cloud.taken(np.arange(0, 400, 2))
     for error, camera, wanted in zip(pictures.errors(half), cameras, first, strict=True):
         assert error == pytest.approx(np.square(drawn(half, camera) - wanted)[..., :3].sum(), rel=1e-3)
 
@@ -63,7 +62,7 @@ def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
     dim, step = replace(cloud, sh=0.3 * cloud.sh), 2e-2
     camera = ring(dim, 1)[0].resized(80, 80)
     pictures = Pictures([camera], Crew(1).map)
-    pictures.keep(taken(dim, np.arange(300)))
+    pictures.keep(dim.taken(np.arange(300)))
     sums = next(pictures.measure(dim, [0])).astype(np.float64)
     for channel in range(3):
         row = int(np.argmax(np.abs(sums[:, kernels.LACK + channel])))

@@ -26,7 +26,7 @@ from tinysplat_runtime.system.threads import Crew
 pytest.importorskip("numba")
 
 from tinysplat_runtime.prune.reduction import leave_out
-from tinysplat_runtime.prune.removal import Remover, taken
+from tinysplat_runtime.prune.removal import Remover
 from tinysplat_runtime.prune.thinning import band_penalties
 from tinysplat_runtime.prune.views import views_about
 
@@ -75,7 +75,7 @@ def test_what_nobody_sees_goes_first(ball):
 def test_colours_make_up_for_what_went_at_views_that_nobody_looked_at(ball):
     haze = replace(ball, opacities=np.full(900, 0.2), scales=2 * ball.scales, sh=0.3 * ball.means[:, None])
     found = remover(haze, 20).thin_to(400)
-    corrected, as_it_was = (psnr(one, haze, around(haze)) for one in (found.gaussians, taken(haze, found.rows)))
+    corrected, as_it_was = (psnr(one, haze, around(haze)) for one in (found.gaussians, haze.taken(found.rows)))
     assert corrected > as_it_was
 
 
@@ -194,7 +194,7 @@ sys.exit(main(sys.argv[1:]))
 
 def test_without_numba_all_are_kept_and_one_line_says_so(ball, tmp_path: Path):
     source, file = tmp_path / "ball.npz", tmp_path / "b.tsplat"
-    ts.save_gaussians(source, taken(ball, np.arange(200)))
+    ts.save_gaussians(source, ball.taken(np.arange(200)))
 
     def run(*words: object) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-c", _WITHOUT, *map(str, words)]

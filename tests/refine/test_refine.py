@@ -210,7 +210,9 @@ def test_photos_that_do_not_fit_are_refused_by_view(case: tuple[ts.Gaussians, Sc
         ts.refine(replace(start, **fields, cameras=start.cameras[:1]), photos)
 
 
-@pytest.mark.parametrize("budget", [{"steps": 0}, {"steps": 1.5}, {"seconds": -1.0}, {"seconds": 0}, {"steps": 3, "seconds": 3.0}])
+@pytest.mark.parametrize(
+    "budget", [{"steps": 0}, {"steps": 1.5}, {"seconds": -1.0}, {"seconds": 0}, {"steps": 3, "seconds": 3.0}]
+)
 def test_budgets_out_of_range_are_refused(case: tuple[ts.Gaussians, Scene, Scene], budget: dict) -> None:
     with pytest.raises(ts.InputError) as caught:
         ts.refine(case[0], case[1], **budget)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import Gaussians
 from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
 from . import kernels
@@ -237,11 +237,3 @@ class Remover:
 
         self._run(solve, range(0, len(sh), _ROWS))
         return sh
-
-
-def taken(gaussians: Gaussians, rows: NDArray) -> Gaussians:
-    """Gaussians (N,) at rows (n,) integer or bool, in this order."""
-    arrays = {name: getattr(gaussians, name)[rows] for name in FIELDS}
-    return Gaussians.unchecked(
-        **arrays, origin=gaussians.origin, notes=gaussians.notes, viewpoints=gaussians.viewpoints
-    )
