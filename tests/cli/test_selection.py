@@ -47,7 +47,7 @@ def test_what_keeps_views_keeps_all_as_do_few_views_and_whoever_asks(capture, tm
     assert converted(file, str(tmp_path / "all.ply"), "--keep-all", "-q").count == wall.count
     few = converted(file, str(tmp_path / "few.ply"), "--views", "0-5", "-q")
     assert few.count == select_views(wall, range(6)).count
-    trimmed = converted(file, str(tmp_path / "trimmed.ply"), "--trim-border", "1", "-q")
+    trimmed = converted(file, str(tmp_path / "trimmed.ply"), "--trim-border", "1", "--keep-all", "-q")
     assert trimmed.count == 8 * 10 * 14
 
 

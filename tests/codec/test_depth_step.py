@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scenes import make_smooth_gaussians
-from scipy.fft import dctn
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.depth_step.allocation import (
@@ -21,8 +20,11 @@ from tinysplat_runtime.codec.depth_step.allocation import (
 from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
 from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_offsets, contrast
 from tinysplat_runtime.codec.depth_step.probe import Probe
+from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
+from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.gaussian.planes import hevc_step
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render import DEFINITION, Renderer, between
 
@@ -72,27 +74,24 @@ def test_damage_is_what_errors_do_to_the_picture_between_the_cameras(height, lay
     assert (probe.damage if kind == "depth" else probe.opacity_damage)([0 * error for error in errors]) < 1e-12
 
 
-@pytest.mark.parametrize("offsets", [None, np.arange(-4, 4).reshape(2, 2, 2)])
-def test_the_stand_in_rounds_a_dct_of_eight_by_eight_to_steps(offsets):
-    planes = np.cumsum(np.random.default_rng(0).normal(size=(2, 24, 32)), axis=2).astype(np.float32)
-    steps = np.full((2, 3, 1, 4, 1), 0.7)
-    if offsets is not None:
-        steps *= 2 ** (offsets.repeat(2, axis=1)[:, :3].repeat(2, axis=2)[:, :, None, :, None] / 6)
-    whole = BlockSpectrum.of(planes).coding_error(0.7, offsets)
-    error, coded = (
-        dctn(each.reshape(2, 3, 8, 4, 8).astype(np.float64), axes=(2, 4), norm="ortho") / steps
-        for each in (whole, planes + whole)
-    )
-    np.testing.assert_allclose(coded, np.rint(coded), atol=1e-3)
-    assert 0 < np.abs(error).max() < 1
-    cut = BlockSpectrum.of(planes[:, :19, :29]).coding_error(0.7, offsets)
-    assert cut.shape == (2, 19, 29)
-    np.testing.assert_allclose(cut[:, :16, :24], whole[:, :16, :24], atol=1e-4)
-    chosen = np.zeros((2, 3, 4), bool)
-    chosen[1, 2, 3] = True
-    part = BlockSpectrum.of(planes, chosen).coding_error(0.7, offsets)
-    np.testing.assert_allclose(part[1, 16:, 24:], whole[1, 16:, 24:], atol=1e-4)
-    assert not part[0].any() and not part[:, :16].any() and not part[:, :, :24].any()
+@pytest.mark.parametrize("qp", [10, 22])
+def test_the_stand_in_errs_about_as_much_as_libx265_where_it_is_asked(qp: int) -> None:
+    rng = np.random.default_rng(0)
+    codes = (2000 + np.cumsum(rng.normal(0, 20, (96, 64)), axis=1)).clip(0, 4095).round().astype(np.uint16)
+    coarser = np.zeros((1, 6, 4), np.int64)
+    coarser[:, :, 2:] = 6
+    spectrum = BlockSpectrum.of(codes[None].astype(np.float32))
+    decoded, settings = np.empty_like(codes), replace(PROFILES["balanced"].encoder, block_qps=True)
+    for offsets in (None, coarser):
+        coded = encode_plane(codes, qp, settings, None if offsets is None else offsets[0])
+        PlaneDecoder(coded.parameter_sets, *codes.shape).decode_into(coded.payload, decoded)
+        ours, theirs = spectrum.coding_error(hevc_step(qp), offsets)[0], decoded.astype(float) - codes
+        for part in (slice(0, 32), slice(32, 64)):
+            assert 0.5 < np.sqrt(np.mean(ours[:, part] ** 2) / np.mean(theirs[:, part] ** 2)) < 2
+    chosen = np.zeros((1, 12, 8), bool)
+    chosen[0, 2, 3] = True
+    part = BlockSpectrum.of(codes[None].astype(np.float32), chosen).coding_error(hevc_step(qp))[0]
+    assert part[16:24, 24:32].any() and not np.delete(part, np.s_[16:24], 0).any()
 
 
 def test_contrast_is_how_much_neighbours_differ_where_they_are_opaque():

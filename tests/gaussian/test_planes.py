@@ -29,12 +29,10 @@ def test_planes_are_coded_at_the_next_multiple_of_8_from_16_on(height: int, widt
 
 
 @given(SIDE, SIDE)
-def test_blocks_with_a_qp_are_the_smallest_of_which_a_plane_has_few_enough(height: int, width: int) -> None:
-    def blocks(side: int) -> int:
-        return -(-height // side) * -(-width // side)
-
+def test_planes_have_few_blocks_with_a_qp_and_these_are_whole_trees(height: int, width: int) -> None:
     side = qp_block_side(height, width)
-    assert blocks(side) <= MAX_QP_BLOCKS and (side == QP_BLOCK or blocks(side // 2) > MAX_QP_BLOCKS)
+    assert -(-height // side) * -(-width // side) <= MAX_QP_BLOCKS
+    assert side % QP_BLOCK == 0 and (side // QP_BLOCK).bit_count() == 1
 
 
 def test_a_step_is_one_code_of_8_bits_at_qp_4_and_doubles_every_six() -> None:

@@ -67,8 +67,8 @@ def test_what_is_unlike_stays_as_it_is(pairs: Gaussians, change: str) -> None:
     is_gone = (np.arange(80) >= 40)[:, None]
     other = {
         "far": {"means": pairs.means + 5 * is_gone},
-        "thin": {"scales": np.where(is_gone & (np.arange(3) == 0), 0.02, 1) * pairs.scales},
-        "bright": {"sh": pairs.sh + 1.0 * is_gone[..., None] * (np.arange(4) == 0)[:, None]},
+        "thin": {"scales": np.where(is_gone & (np.arange(3) == 0), 0.002, 1) * pairs.scales},
+        "bright": {"sh": pairs.sh + 4.0 * is_gone[..., None] * (np.arange(4) == 0)[:, None]},
     }[change]
     apart = replace(pairs, **other)
     found = merged(apart, np.arange(40), np.arange(40, 80))

@@ -57,12 +57,14 @@ def test_reading_files_larger_than_what_the_network_gets_is_in_the_plan() -> Non
 
 
 def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
-    seen: dict[str, int] = {}
+    seen: list[str] = []
 
     def counting(step: str):
         def show(items, total, note):
-            seen[step] = seen.get(step, 0) + total
-            return iter(items)
+            seen.append(step)
+            passed = list(items)
+            assert total == len(passed)
+            return iter(passed)
 
         return show
 
@@ -70,5 +72,4 @@ def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
     scene = ts.load_scene(write_traced(tmp_path, trace(7, 32, 32, spacing=0.25, subpixels=1)))
     listener = Listener(notice=said.append, doubt=lambda *_: None, counting=counting)
     encode(EncodeRequest.of(scene, model="sweep", mode="photos"), Runtime(threads=1), listener)
-    assert len(seen) > 1 and min(seen.values()) >= 7
-    assert any(re.search(r"\d s\b", line) for line in said)
+    assert len(set(seen)) > 1 and any(re.search(r"\d s", line) for line in said)
