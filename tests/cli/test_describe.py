@@ -57,7 +57,8 @@ def test_info_of_a_file_is_its_description_in_text_or_json(tmp_path: Path, name:
     for told in (*sizes.items(), *shown, *([view, views[view]] for view in map(views.index, spread))):
         assert any(set(map(str, told)) <= row for row in rows), told
     assert all(str(told) in text for told in (file, len(data), about["mode"], about["gaussians"], about["sh_degree"]))
-    assert name == "list" or f"{about['width']}x{about['height']}" in text
+    seen = map(str, about["tiers"]) if name == "list" else [f"{about['width']}x{about['height']}"]
+    assert all(told in text for told in seen)
     assert ("metre" in text) == (name == "planes")
     prefixes = {str(prefix["bytes"]) for prefix in about["prefixes"]}
     assert (prefixes if name != "capture" else {str(about["prefixes"][-1]["bytes"])}) <= set().union(*rows)

@@ -184,6 +184,16 @@ def test_every_format_takes_what_is_left(ball, tmp_path: Path, capsys: pytest.Ca
     assert ts.load_gaussians(tmp_path / "c.tsplat").count == 900
 
 
+def test_converted_lists_are_pruned_unless_all_are_to_be_kept(ball, tmp_path: Path):
+    source, file = tmp_path / "ball.npz", tmp_path / "b.tsplat"
+    ts.save_gaussians(source, ball)
+    for options, kept in (({}, False), ({"keep_all": True}, True)):
+        ts.convert(source, file, **options)
+        assert (ts.load_gaussians(file).count == ball.count) is kept
+    ts.convert(source, file, prune=0.5)  # what is left of it stays
+    assert ts.load_gaussians(file).count == pytest.approx(ball.count / 2, abs=1)
+
+
 _WITHOUT = """
 import sys
 sys.modules["numba"] = None
