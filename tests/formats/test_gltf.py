@@ -132,6 +132,8 @@ def test_the_draft_s_reader_finds_an_spz_file_and_what_it_unpacks_to(tmp_path: P
     assert set(primitive["attributes"]) == {"POSITION", "COLOR_0", f"{PREFIX}:ROTATION", f"{PREFIX}:SCALE", *names}
     for accessor in document["accessors"]:
         assert "bufferView" not in accessor and accessor["count"] == made.count
+    colour = accessor_of(document, "COLOR_0")
+    assert colour["componentType"] == 5126 or colour["normalized"]  # glTF knows no others
     position = accessor_of(document, "POSITION")
     np.testing.assert_allclose(position["min"], unpacked["positions"].min(axis=0), rtol=1e-6)
     np.testing.assert_allclose(position["max"], unpacked["positions"].max(axis=0), rtol=1e-6)
