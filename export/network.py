@@ -189,11 +189,8 @@ def export(options: argparse.Namespace) -> None:
     with working("network to graph", quiet=False):
         write_graph(network, path, options.half_weights)
     with working("graph beside torch", quiet=False):
-        graph, examples = (
-            open_graph(Artifact(path.stem, path), "network"),
-            starmap(example_inputs, network.parity_sizes),
-        )
-        worst = parity(graph, network.module, examples, network.parity_quantile)
+        graph = open_graph(Artifact(path.stem, path), "network")
+        worst = parity(graph, network.module, starmap(example_inputs, network.parity_sizes), network.parity_quantile)
     print(path, options.name, {name: f"{value:.1e}" for name, value in worst.items()})
     if max(worst.values()) > network.parity_tolerance:
         raise NumericError(f"torch and onnx differ by {worst}; nothing was registered", where=options.name)

@@ -117,9 +117,11 @@ class Estimating(Stage):
     }  # fmt: skip
     outputs = ("level", "agreement", "features", "coarse_features", "full", "clues")
 
-    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
+    def forward(
+        self, half: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor, costs: Tensor, paths: Tensor, coarse_paths: Tensor,
+        levels: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
         """`Estimate` but for its logits, of what `Match` found; levels (N, 1, h, w)."""
-        half, K, c2w, ranges, costs, paths, coarse_paths, levels = given
         views = self.views(half, K, c2w, ranges)
         matches = Matches(costs, paths, coarse_paths, views.pairs.own(levels))
         found = self.network.estimate(half, views, matches, levels)
@@ -135,13 +137,16 @@ class Dress(Stage):
     }  # fmt: skip
     outputs = ("level", "opacity", "footprint", "colours", "changes")
 
-    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
+    def forward(
+        self, images: Tensor, shown: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor, levels: Tensor, agreements: Tensor,
+        features: Tensor, coarse_features: Tensor, full: Tensor, clues: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
         """`Dressed` of photos (N, 3, H, W) of one exposure, and (1, 3, H, W) in that to show."""
-        images, shown, K, c2w, ranges, levels, agreements, *estimated = given
         pairs, depths = ViewPairs.first(c2w), self.depths(ranges)
         none = torch.zeros(())
         views = MatchedViews(images, shown, K, c2w, none, depths)
-        estimate = Estimate(none, pairs.own(levels), pairs.own(agreements), *estimated)
+        level, agreement = pairs.own(levels), pairs.own(agreements)
+        estimate = Estimate(none, level, agreement, features, coarse_features, full, clues)
         seen = self.network.seen(views, pairs, pairs, estimate, levels, agreements)
         found = self.network.dress(seen, depths.of(pairs))
         c = found.changes
@@ -158,9 +163,11 @@ class Finish(Stage):
     }  # fmt: skip
     outputs = OUTPUT_NAMES
 
-    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
+    def forward(
+        self, shown: Tensor, K: Tensor, c2w: Tensor, far: Tensor, ranges: Tensor, levels: Tensor, alphas: Tensor,
+        footprint: Tensor, colours: Tensor, changes: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
         """The tensors of `OUTPUT_NAMES` of what `Dress` found; levels and opacities (N, 1, H, W), far (1,)."""
-        shown, K, c2w, far, ranges, levels, alphas, footprint, colours, changes = given
         pairs = ViewPairs.first(c2w)
         coarse = CoarseChanges(*changes.split([1, 1, 1, 3], dim=1))
         dressed = Dressed(pairs.own(levels), pairs.own(alphas), footprint, colours, coarse)

@@ -48,8 +48,11 @@ class Enlarge(nn.Module):
         super().__init__()
         self.settings = settings or EnlargeSettings()
 
-    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
-        """Gaussians of a strip, from these in this order.
+    def forward(
+        self, photo: Tensor, small: Tensor, rows: Tensor, columns: Tensor, K: Tensor, c2w: Tensor, sources: Tensor,
+        source_K: Tensor, rotation: Tensor, translation: Tensor, unit: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
+        """Gaussians of a strip.
 
         Args:
             photo: (1, 3, h, W) RGB in [0, 1], in the exposure that the network gave it.
@@ -67,7 +70,6 @@ class Enlarge(nn.Module):
         Returns:
             The tensors named by `OUTPUT_NAMES`, (1, h, W, …).
         """
-        photo, small, rows, columns, K, c2w, sources, source_K, rotation, translation, unit = given
         s = self.settings
         inverse_depth, opacity, footprint, change = self._brought(photo, small, rows, columns)
         terms = sweep_coefficients(

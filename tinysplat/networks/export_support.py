@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
@@ -87,15 +86,13 @@ def export_program(
     from onnxscript import optimizer
 
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it reports libraries that nothing here uses
-    shapes = tuple(dict(dynamic_axes[name]) for name in inputs)
-    kinds = {parameter.kind for parameter in signature(module.forward).parameters.values()}
     with torch.no_grad():
         program: Any = torch.onnx.export(
             module.eval(),
             tuple(inputs.values()),
             input_names=list(inputs),
             output_names=list(outputs),
-            dynamic_shapes=(shapes,) if Parameter.VAR_POSITIONAL in kinds else shapes,
+            dynamic_shapes=tuple(dict(dynamic_axes[name]) for name in inputs),
             opset_version=opset,
             dynamo=True,
             optimize=False,
