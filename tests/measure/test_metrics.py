@@ -13,7 +13,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
 from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
-from tinysplat.measure.metrics import depth_errors, plane_errors, psnr, ssim
+from tinysplat.measure.metrics import METRICS, depth_errors, flip, plane_errors, psnr, sharpness, ssim
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.graphs.inference import GraphStore
 
@@ -59,7 +59,22 @@ def test_ssim_is_scikit_images_with_the_settings_of_pixelsplat(size, sigma):
     assert ssim(image, reference) == pytest.approx(theirs, abs=1e-5)
 
 
-@pytest.mark.parametrize("metric", [psnr, ssim])
+def test_sharpness_is_the_share_of_a_photos_gradients_that_a_picture_has():
+    reference = 0.25 + 0.5 * photo()
+    rough = noisy(reference, 0.1).clip(0, 1)
+    assert sharpness(reference, reference) == 1
+    assert sharpness((reference + 1) / 2, reference) == pytest.approx(0.5)
+    assert sharpness(reference, rough) < 0.9 and sharpness(reference, rough) * sharpness(rough, reference) == 1
+    assert math.isnan(sharpness(reference, np.full_like(reference, 0.3)))
+
+
+def test_flip_is_nothing_of_equal_pictures_and_grows_with_what_eyes_see():
+    pytest.importorskip("flip_evaluator")
+    errors = [flip(noisy(photo(), sigma), photo()) for sigma in (0, 0.02, 0.1, 0.4)]
+    assert errors[0] == 0 and (np.diff(errors) > 0).all() and errors[-1] < 1
+
+
+@pytest.mark.parametrize("metric", METRICS.values())
 @pytest.mark.parametrize("other", [(40, 51, 3), (40, 52), (40, 52, 4)])
 def test_pictures_of_unlike_shapes_are_refused(metric, other):
     with pytest.raises(InputError):

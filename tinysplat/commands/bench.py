@@ -75,6 +75,7 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--limit", type=int, metavar="N", help="windows per scene and number of views; default 1")
     of.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per window at most; default 3")
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
+    of.add_argument("--drawn", type=size, metavar="WxH", help="that pictures are judged at; default --size; walk")
     of.add_argument("--rounds", type=int, default=0, metavar="N", help="of timing; default the study's")
     of.add_argument(
         "--data",

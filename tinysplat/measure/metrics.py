@@ -7,6 +7,11 @@ definitions of the evaluations that the paper quotes (pixelSplat, MVSplat, Depth
     SSIM  Wang et al. 2004 as scikit-image computes it with `gaussian_weights=True, win_size=11, data_range=1`:
           Gaussian window of 11 pixels with σ = 1.5, sample covariance, the border of 5 pixels left out, mean over the
           three channels. (3DGS's own script pads with zeros and uses the population covariance: about 1e-3 away.)
+    FLIP  Andersson et al. 2020, by NVIDIA's package `flip-evaluator` at its default viewing distance (67 pixels per
+          degree), mean over the pixels: 0 for what no eye tells apart.
+
+Sharpness is how much of a photo's detail a picture shows, which PSNR and SSIM hardly see: their errors are least where
+detail that lies a pixel beside is blurred.
 
 LPIPS needs torch and weights and stands in `measure.lpips`.
 """
@@ -14,6 +19,8 @@ LPIPS needs torch and weights and stands in `measure.lpips`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +80,44 @@ def ssim(image: NDArray, reference: NDArray) -> float:
     return float(
         structural_similarity(x, y, win_size=SSIM_WINDOW, gaussian_weights=True, data_range=1, channel_axis=-1)
     )
+
+
+def flip(image: NDArray, reference: NDArray) -> float:
+    """Mean FLIP error of (H, W, 3) floating point pictures in [0, 1], 0 to 1; the module's text has the definition.
+
+    Raises:
+        InputError: shapes differ.
+    """
+    from flip_evaluator import evaluate
+
+    x, y = (picture.astype(np.float32) for picture in _pictures(image, reference))
+    return float(evaluate(y, x, "LDR", applyMagma=False)[1])
+
+
+def sharpness(image: NDArray, reference: NDArray) -> float:
+    """Mean length of a picture's gradient over that of its reference's, both (H, W, 3) floating point.
+
+    Returns:
+        1 where a picture is as sharp as the reference, less where it is softer; NaN of a reference of one colour.
+
+    Raises:
+        InputError: shapes differ.
+    """
+    shown, wanted = map(_steepness, _pictures(image, reference))
+    return shown / wanted if wanted else math.nan
+
+
+def _steepness(picture: NDArray) -> float:
+    return float(np.hypot(np.diff(picture, axis=0)[:, 1:], np.diff(picture, axis=1)[1:]).mean())
+
+
+METRICS: Mapping[str, Callable[[NDArray, NDArray], float]] = {
+    "psnr": psnr,
+    "ssim": ssim,
+    **({"flip": flip} if find_spec("flip_evaluator") else {}),
+    "sharpness": sharpness,
+}
+"""What pictures are judged by, FLIP where its package is installed; LPIPS joins them where its weights are at hand."""
 
 
 def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:

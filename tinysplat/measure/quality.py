@@ -1,8 +1,9 @@
 """The work on windows with photos: networks and codings, raw, decoded and the photo baseline, and means of its rows.
 
-PSNR in dB, SSIM and LPIPS are means over the target images; `_raw` is the render of the network's Gaussians against the
-photo, no suffix that of the decoded ones, `_decoded_raw` decoded against raw, `_photo` the context photo taken from
-nearest, as if it were the answer. Covered pixels are those that some context view has in its frame.
+PSNR in dB, SSIM, FLIP, sharpness and LPIPS are means over the target images; `_raw` is the render of the network's
+Gaussians against the photo, no suffix that of the decoded ones, `_decoded_raw` decoded against raw, `_photo` the
+context photo taken from nearest, as if it were the answer. Covered pixels are those that some context view has in its
+frame.
 
 Closer and farther away (`zooms`), pictures are drawn at a multiple of the coded size and held against photos of that
 size, beside the picture of the coded size brought to it by `pictures.rescaled`, drawn from the same field of view so
@@ -34,7 +35,7 @@ from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
-from .metrics import depth_errors, plane_errors, psnr, ssim
+from .metrics import METRICS, depth_errors, plane_errors, psnr
 from .pictures import PictureJudge, PictureMetric, Rendered, mean_psnr, photo_psnr, rescaled
 from .rows import PICTURES, Row, describe_machine, grouped
 from .runner import RunOutcome, WindowJob
@@ -50,8 +51,9 @@ ENCODE_STAGES = ("vpt", "vabr", "quantise", "x265", "write")
 DECODE_STAGES = ("parse", "libavcodec", "synthesis")
 
 _UNKNOWN = dict.fromkeys(
-    ("psnr_raw", "psnr", "ssim_raw", "ssim", "lpips", "lpips_raw", "lpips_decoded_raw", "psnr_photo", "ssim_photo",
-     "lpips_photo", "coverage", "psnr_covered", "psnr_raw_covered", "psnr_photo_covered", "pictures")
+    ("psnr_raw", "psnr", "ssim_raw", "ssim", "flip_raw", "flip", "sharpness_raw", "sharpness", "lpips", "lpips_raw",
+     "lpips_decoded_raw", "psnr_photo", "ssim_photo", "lpips_photo", "coverage", "psnr_covered", "psnr_raw_covered",
+     "psnr_photo_covered", "pictures")
 )  # fmt: skip
 
 
@@ -277,7 +279,7 @@ def _scores(
     covered: Sequence[NDArray] = (),
 ) -> dict[str, list[float]]:
     """By figure, a number per picture; over covered pixels of the targets that have some at all."""
-    metrics: dict[str, PictureMetric] = {"psnr": psnr, "ssim": ssim, **({"lpips": lpips} if lpips else {})}
+    metrics: dict[str, PictureMetric] = {**METRICS, **({"lpips": lpips} if lpips else {})}
     pairs = list(zip(images, references, strict=True))
     scores = {f"{name}{suffix}": [metric(a, b) for a, b in pairs] for name, metric in metrics.items()}
     if covered:

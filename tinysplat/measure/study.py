@@ -53,6 +53,7 @@ class Options:
         qps: Q_g; empty for the study's own.
         kinds, views, limit: which windows of scenes.
         size: (height, width) of photos, or None for the study's own.
+        drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
         targets: pictures per window at most.
         rounds: of timing; 0 for the study's own.
         data: data sets in chunks: (name, folder, index).
@@ -69,6 +70,7 @@ class Options:
     views: tuple[int, ...] = ()
     limit: int | None = None
     size: tuple[int, int] | None = None
+    drawn: tuple[int, int] | None = None
     targets: int = 3
     rounds: int = 0
     data: tuple[tuple[str, str, str], ...] = ()

@@ -95,9 +95,15 @@ def depths_told(places: NDArray, camera: Camera, its: Camera) -> NDArray:
 
     They tell it where another depth would move them by some pixels.
     """
+    depths = depths_of(places, camera, its)
+    return depths[~np.isnan(depths)]
+
+
+def depths_of(places: NDArray, camera: Camera, its: Camera) -> NDArray:
+    """(M,) depths in a photo's camera, scene units, of places (M, 6) float64; NaN of those that tell none."""
     fits, depth, infinite = _fits(places, camera, its)
     moved = np.linalg.norm(places[:, 3:5] - infinite, axis=1)
-    return depth[(fits > WELL) & (moved > MOVED)]
+    return np.where((fits > WELL) & (moved > MOVED), depth, np.nan)
 
 
 def _fits(places: NDArray, camera: Camera, its: Camera) -> tuple[NDArray, NDArray, NDArray]:

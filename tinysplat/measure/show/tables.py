@@ -125,9 +125,11 @@ class Listing:
         return "\n\n".join([*filter(None, [self.text]), *tables])
 
     def table(self, rows: Sequence[Row]) -> str:
-        """One table of rows, whatever their study."""
-        groups = grouped(rows, *self.by).values() if self.by else ([row] for row in rows)
-        return format_table(list(self.columns), [[cell(group) for cell in self.columns.values()] for group in groups])
+        """One table of rows, whatever their study, without columns of which no row says anything."""
+        groups = grouped(rows, *self.by).values() if self.by else [[row] for row in rows]
+        columns = {head: [cell(group) for group in groups] for head, cell in self.columns.items()}
+        columns = {head: cells for head, cells in columns.items() if set(cells) != {ABSENT}}
+        return format_table(list(columns), zip(*columns.values(), strict=True))
 
 
 def said(name: str, write: Callable[[Any], str] = str) -> Cell:

@@ -20,6 +20,7 @@ STUDIES = {
     "paper": "paper.PAPER",
     "refined": "refining.REFINED",
     "walk": "walking.WALK",
+    "corners": "corners.CORNERS",
     "pruned": "pruned.PRUNED",
     "poses": "placing.PLACING",
     "quality": "quality.QUALITY",

@@ -4,35 +4,35 @@ Ways: `walk`, so many of the others spread over the capture in one scene, near a
 stated`, the same between the depths that the layout states; `refined walk`, the same corrected by these
 photos in as many steps as are usual, where numba is installed; `six spread`, six of 24 of them; `own pair`,
 for every picture a scene of the two taken nearest to it; `nearest photo`, that one itself, shown in its place. A walk
-is coded, and its pictures are drawn from the file too. Of 24 photos a path is drawn through their cameras: flicker is
+is coded, and its pictures are drawn from the file too. With `--drawn`, pictures are drawn and judged at another size
+than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is
 the largest change between frames, in medians of the changes about it.
 """
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.recipe.prepare import prepared
-from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.recipe.words import ALL
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
 
-from ..metrics import psnr
+from ..metrics import METRICS
+from ..pictures import rescaled
 from ..rows import Row
-from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean
+from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
-from ..subjects.captures import Capture, spread
+from ..subjects.captures import Capture, found_for, spread
 
 STUDY = "walk"
 REFINED, STATED = "refined walk", "walk, range stated"
@@ -46,28 +46,40 @@ PATH_FRAMES_A_VIEW, ABOUT = 6, 4
 
 def walk_rows(run: Run) -> Iterator[Row]:
     """Every way of every scene folder."""
-    return run.of_scenes(lambda name, scene: _scene_rows(name, Capture.of(scene.resized(*run.size)), run))
+    return run.of_scenes(lambda name, scene: _scene_rows(name, Capture.of(scene).resized(run.size, drawn_at(run)), run))
+
+
+def drawn_at(run: Run) -> tuple[int, int]:
+    """(height, width) that pictures are judged at."""
+    return run.options.drawn or run.size
 
 
 def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     cameras = capture.targets.cameras
     runtime, model = run.runtime, run.models[0]
 
-    def row(way: str, photos: int, asked: str, decibel: Sequence[float]) -> Row:
-        figures = {"psnr": statistics.fmean(decibel), "worst": min(decibel)}
-        return Row(STUDY, name, way, {"photos": photos, "asked": asked, "model": model}, figures)
+    size = {"drawn": "{1}×{0}".format(*run.options.drawn)} if run.options.drawn else {}
 
-    def to_photos(pictures: Iterable[NDArray]) -> list[float]:
-        return [psnr(picture, frame.image()) for picture, frame in zip(pictures, capture.targets.frames, strict=True)]
+    def row(way: str, photos: int, asked: str, figures: dict[str, float]) -> Row:
+        return Row(STUDY, name, way, {"photos": photos, "asked": asked, "model": model, **size}, figures)
 
-    def drawn(gaussians: Gaussians) -> list[float]:
+    def to_photos(pictures: Iterable[NDArray]) -> dict[str, float]:
+        """Means of what pictures are judged by, and the worst picture's dB."""
+        pairs = zip(pictures, capture.targets.frames, strict=True)
+        scores = [
+            {name: metric(picture, frame.image()) for name, metric in METRICS.items()} for picture, frame in pairs
+        ]
+        means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
+        return {**means, "worst": min(score["psnr"] for score in scores)}
+
+    def drawn(gaussians: Gaussians) -> dict[str, float]:
         return to_photos(map(Renderer(gaussians, run.threads).render, cameras))
 
     def walked(way: str, photos: int, asked: str, gaussians: Gaussians) -> tuple[Row, Gaussians]:
         """A way with its file."""
         data = runtime.compress(gaussians, drop_invalid=True)
         coded = drawn(runtime.decompress(data))
-        more = {"bytes": len(data), "coded": statistics.fmean(coded), "coded_worst": min(coded)}
+        more = {"bytes": len(data), **{_coded(figure): value for figure, value in coded.items()}}
         known_row = row(way, photos, asked, drawn(gaussians))
         return replace(known_row, figures={**known_row.figures, **more}), gaussians
 
@@ -96,12 +108,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         for pair, camera in zip(nearest, cameras, strict=True)
     ]
     yield row("own pair", 2, compared, to_photos(pairs))
-    yield row("nearest photo", 1, compared, to_photos([given.frames[pair[0]].image() for pair in nearest]))
-
-
-def found_for(scene: Scene) -> Scene:
-    """A scene between the depths that `encode` finds where its layout states none, as those of most tools do."""
-    return prepared(EncodeRequest.of(replace(scene, near=None, far=None), views=ALL, size="full"), str)
+    shown = [rescaled(given.frames[pair[0]].image(), *drawn_at(run)) for pair in nearest]
+    yield row("nearest photo", 1, compared, to_photos(shown))
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
@@ -127,7 +135,8 @@ def flicker(gaussians: Gaussians, threads: int) -> float:
 def _named(rows: Sequence[Row]) -> str:
     """The way, and of a walk how many photos were asked for."""
     row = rows[0]
-    return f"{row.way}, {row.setting['asked']}" if row.way in (STUDY, REFINED, STATED) else row.way
+    name = f"{row.way}, {row.setting['asked']}" if row.way in (STUDY, REFINED, STATED) else row.way
+    return f"{name}, drawn at {row.setting['drawn']}" if "drawn" in row.setting else name
 
 
 def _photos(rows: Sequence[Row]) -> str:
@@ -136,13 +145,25 @@ def _photos(rows: Sequence[Row]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
 
 
-def _of_file(name: str, instead: str) -> Cell:
-    """dB of pictures from the file; of ways without one, of the way itself."""
-    return lambda rows: mean(name if name in rows[0].figures else instead, decibels)(rows)
+def _of_file(name: str, write: Callable[[Any], str]) -> Cell:
+    """A figure of pictures from the file; of ways without one, of the way itself."""
+    return lambda rows: mean(_coded(name) if "coded" in rows[0].figures else name, write)(rows)
+
+
+def _coded(name: str) -> str:
+    """What a figure of pictures is called where they are drawn from the file."""
+    return "coded" if name == "psnr" else f"coded_{name}"
 
 
 _IN_SHORT = {REFINED: "as `encode` does it", STUDY: "with `--no-refine`", "nearest photo": "the nearest photo"}
 """Ways that README shows, of as many photos as the others are compared with."""
+
+_JUDGED = {
+    "SSIM": _of_file("ssim", digits(3)),
+    "FLIP": _of_file("flip", digits(3)),
+    "sharpness": _of_file("sharpness", digits(2)),
+    "KB": mean("bytes", kilobytes),
+}
 
 _COLUMNS = {
     "": _named,
@@ -150,7 +171,8 @@ _COLUMNS = {
     "dB at photos left out": mean("psnr", decibels),
     "worst picture": mean("worst", decibels),
     "from the file": mean("coded", decibels),
-    "KB": mean("bytes", kilobytes),
+    "worst": mean("coded_worst", decibels),
+    **_JUDGED,
     "flicker": mean("flicker", digits(1)),
 }
 
@@ -158,14 +180,17 @@ WALK = Study(
     "Captures",
     walk_rows,
     {
-        f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked")),
+        f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked", "drawn")),
+        f"{STUDY} scenes": Listing(
+            STUDY, {"scene": said("subject"), **_COLUMNS}, wanted=lambda row: row.way in (STUDY, REFINED)
+        ),
         f"{STUDY} in short": Listing(
             STUDY,
             {
                 "": lambda rows: _IN_SHORT[rows[0].way],
-                "dB at photos left out": _of_file("coded", "psnr"),
-                "worst picture": _of_file("coded_worst", "worst"),
-                "KB": _COLUMNS["KB"],
+                "dB at photos left out": _of_file("psnr", decibels),
+                "worst picture": _of_file("worst", decibels),
+                **_JUDGED,
             },
             by=("way",),
             wanted=lambda row: row.way in _IN_SHORT and row.setting["asked"] == str(COMPARED),

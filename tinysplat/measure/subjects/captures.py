@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.recipe.words import ALL
 from tinysplat_runtime.scene.scenes import Scene
 
 TARGETS = 8
@@ -26,6 +29,10 @@ class Capture:
         others = scene.views(i for i in range(len(scene.frames)) if i not in left_out)
         return cls(scene.views(left_out[:: max(1, len(left_out) // TARGETS)][:TARGETS]), others)
 
+    def resized(self, given: tuple[int, int], drawn: tuple[int, int]) -> Capture:
+        """With photos of these sizes (height, width): those given, and those that pictures are held against."""
+        return Capture(self.targets.resized(*drawn), self.others.resized(*given))
+
     def given(self, count: int) -> Scene:
         """So many of the others, spread over the capture; all where there are no more."""
         return spread(self.others, count)
@@ -35,3 +42,8 @@ def spread(scene: Scene, count: int) -> Scene:
     """So many of a scene's photos, from the first to the last; all where there are no more."""
     last = len(scene.frames) - 1
     return scene.views(np.rint(np.linspace(0, last, min(count, last + 1))).astype(int).tolist())
+
+
+def found_for(scene: Scene) -> Scene:
+    """A scene between the depths that `encode` finds where its layout states none, as those of most tools do."""
+    return prepared(EncodeRequest.of(replace(scene, near=None, far=None), views=ALL, size="full"), str)
