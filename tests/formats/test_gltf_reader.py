@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 from scenes import refused, tells
 
+from tinysplat_runtime.errors import InputWarning
+from tinysplat_runtime.formats.colours import srgb_of_linear
 from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.gaussian.sh import sh_basis
 
 TURN = np.array([1.0, -1.0, -1.0])  # glTF has y up and z backward
 PREFIX = "KHR_gaussian_splatting"
@@ -87,6 +90,52 @@ def test_photos_cameras_stand_where_their_nodes_put_them_and_other_cameras_are_n
     (camera,) = load_gaussians(tmp_path / "a.gltf").viewpoints
     np.testing.assert_allclose(camera.c2w[:3], np.column_stack([np.eye(3), np.array([2, 4, 16]) * TURN]))
     assert camera.K.tolist() == photo["K"] and (camera.width, camera.height) == (12, 8)
+
+
+def stating(**fields: Any) -> Any:
+    """What changes the extension's fields in a document."""
+    return lambda document: document["meshes"][0]["primitives"][0]["extensions"][PREFIX].update(fields)
+
+
+def test_linear_colours_become_those_of_srgb(tmp_path: Path) -> None:
+    linear = np.array([0.5 + 0.28209479 * value for value in (0.1, 0.2, 0.3)])
+    by_hand(tmp_path / "a.gltf", stating(colorSpace="lin_rec709_display"))
+    with pytest.warns(InputWarning, match="lin_rec709_display"):
+        read = load_gaussians(tmp_path / "a.gltf")
+    np.testing.assert_allclose(0.5 + 0.28209479 * read.sh[0, 0], 1.055 * linear ** (1 / 2.4) - 0.055, rtol=1e-6)
+
+
+def test_linear_colours_that_change_with_direction_are_fitted() -> None:
+    rng = np.random.default_rng(0)
+    sh = np.concatenate([rng.uniform(-1, 1.5, (50, 1, 3)), rng.normal(0, 0.05, (50, 15, 3))], axis=1)
+    rays = rng.normal(size=(200, 3))
+    basis = sh_basis(rays / np.linalg.norm(rays, axis=1, keepdims=True), 3)
+    linear = (0.5 + basis @ sh).clip(0.0031308)
+    wanted = 1.055 * linear ** (1 / 2.4) - 0.055
+    assert np.sqrt(((0.5 + basis @ srgb_of_linear(sh) - wanted) ** 2).mean()) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("kernel", "box"), ("colorSpace", "bt2020_pq"), ("projection", "orthographic"), ("sortingMethod", ["none"])],
+)
+def test_other_kernels_spaces_projections_and_orders_are_refused_by_name(
+    tmp_path: Path, field: str, value: Any
+) -> None:
+    by_hand(tmp_path / "a.gltf", stating(**{field: value}))
+    assert tells(refused(load_gaussians, tmp_path / "a.gltf"), f"{PREFIX}.{field} {value!r}")
+
+
+@pytest.mark.parametrize(
+    ("required", "is_fine"),
+    [(["KHR_mesh_quantization", "KHR_materials_unlit"], True), (["EXT_strange"], False), ([3], False), ("x", False)],
+)
+def test_extensions_that_a_file_requires_are_known_or_refused(tmp_path: Path, required: Any, is_fine: bool) -> None:
+    by_hand(tmp_path / "a.gltf", lambda document: document.update(extensionsRequired=required))
+    if is_fine:
+        assert load_gaussians(tmp_path / "a.gltf").count == 2
+    else:
+        assert tells(refused(load_gaussians, tmp_path / "a.gltf"), f"extensionsRequired {required[0]!r}")
 
 
 @pytest.mark.parametrize("component", [5120, 5121, 5122, 5123, 5125, 5126])

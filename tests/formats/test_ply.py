@@ -111,7 +111,9 @@ def test_extreme_logits_and_logarithms(tmp_path: Path) -> None:
 
 def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:
     cases: list[tuple[NDArray, str]] = [
-        (vertices(3, 1, scale_2=None), "lacks scale_2"),
+        (vertices(3, 1, scale_1=None), "lacks scale_1"),
+        (vertices(3, 1, scale_1=None, scale_2=None), "lacks scale_1, scale_2"),
+        (vertices(3, 1, f_dc_0=None), "lacks f_dc_0"),
         (vertices(3, 1, opacity=None, rot_0=None), "lacks opacity, rot_0"),
         (vertices(3, 1, f_rest_4=None), "lacks f_rest_4"),
         (vertices(3, 1, f_rest_7=None, f_rest_8=None), "7 f_rest properties"),
@@ -173,8 +175,8 @@ def warnings_of(path: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("columns", "change", "words"),
     [
-        (("scale_0", "scale_1", "scale_2"), np.exp, "scale_0"),
-        (("opacity",), lambda x: 1 / (1 + np.exp(-x)), "opacity"),
+        (("opacity",), lambda x: 1 / (1 + np.exp(-x)), "opacities 0.5 0.731"),
+        (("opacity",), lambda x: 255 / (1 + np.exp(-x)), "opacity 255"),
         (("f_dc_0", "f_dc_1", "f_dc_2"), lambda x: np.clip(0.5 + 0.282 * x, 0, 1), "f_dc_0"),
         (("f_dc_0", "f_dc_1", "f_dc_2"), lambda x: np.clip(127 + 72 * x, 0, 255), "255"),
     ],
@@ -185,7 +187,105 @@ def test_linear_values_are_told(tmp_path: Path, columns, change, words: str) -> 
     for name in columns:
         vertex[name] = change(vertex[name].astype(np.float64))
     said = warnings_of(write(tmp_path / "g.ply", vertex))
-    assert any(words in line for line in said) and all(line.startswith(str(tmp_path / "g.ply")) for line in said)
+    assert any(tells(line, words) for line in said) and all(line.startswith(str(tmp_path / "g.ply")) for line in said)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 10.0, 1e2, 1e4])
+def test_linear_scales_are_told_at_any_size_of_scene(tmp_path: Path, unit: float) -> None:
+    """Gaussians about as large as they lie apart, as logarithms and as they are."""
+    rng = np.random.default_rng(0)
+    vertex, sizes = trained(1000), unit * rng.lognormal(np.log(0.1), 0.6, (1000, 3))
+    for axis, name in enumerate("xyz"):
+        vertex[name] *= unit
+        vertex[f"scale_{axis}"] = np.log(sizes[:, axis])
+    assert warnings_of(write(tmp_path / "g.ply", vertex)) == []
+    whole = load_gaussians(tmp_path / "g.ply")
+    arrays = {field: getattr(whole, field) for field in FIELDS}
+    np.savez(tmp_path / "g.npz", **arrays)
+    assert warnings_of(tmp_path / "g.npz") == []
+    for axis in range(3):
+        vertex[f"scale_{axis}"] = np.minimum(sizes[:, axis], 80)  # more would be infinite, and is refused
+    assert any("linear" in line for line in warnings_of(write(tmp_path / "g.ply", vertex)))
+    if unit > 1e3:  # elsewhere some are negative, which is refused
+        np.savez(tmp_path / "g.npz", **{**arrays, "scales": np.log(sizes).astype(np.float32)})
+        assert any("logarithms" in line for line in warnings_of(tmp_path / "g.npz"))
+
+
+def with_columns(vertex: NDArray, **columns: NDArray) -> NDArray:
+    kinds = [(name, vertex.dtype[name]) for name in vertex.dtype.names or () if name not in columns]
+    wider = np.zeros(len(vertex), [*kinds, *((name, column.dtype) for name, column in columns.items())])
+    for name in wider.dtype.names or ():
+        wider[name] = columns[name] if name in columns else vertex[name]
+    return wider
+
+
+def test_a_filter_of_mip_splatting_is_what_covariances_and_opacities_are_worth(tmp_path: Path) -> None:
+    vertex, width = trained(), np.linspace(0, 0.1, 40).astype(np.float32)
+    plain = load_gaussians(write(tmp_path / "a.ply", vertex))
+    path = write(tmp_path / "b.ply", with_columns(vertex, filter_3D=width))
+    assert warnings_of(path) == []
+    seen = load_gaussians(path)
+    np.testing.assert_allclose(seen.scales**2, plain.scales**2 + width[:, None] ** 2, rtol=1e-5)
+    mass = [g.opacities * g.scales.prod(axis=1) for g in (seen, plain)]
+    np.testing.assert_allclose(*mass, rtol=1e-5)
+    width[7] = np.nan
+    with pytest.warns(InputWarning, match="1 of 40"):
+        assert load_gaussians(write(tmp_path / "c.ply", with_columns(vertex, filter_3D=width))).count == 39
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [(("t", "scale_t"), "moves"), (("trbf_center",), "moves"), (("beta",), "kernels"), (("label",), "Splatting")],
+)
+def test_what_is_ignored_is_named_with_what_it_means(tmp_path: Path, names: tuple[str, ...], words: str) -> None:
+    path = write(tmp_path / "a.ply", with_columns(trained(), **{name: np.ones(40, np.float32) for name in names}))
+    (line,) = warnings_of(path)
+    assert words in line and all(name in line for name in names)
+
+
+def test_normals_and_colours_beside_coefficients_are_no_matter(tmp_path: Path) -> None:
+    colours = {name: np.full(40, 9, np.uint8) for name in ("red", "green", "blue", "alpha")}
+    assert warnings_of(write(tmp_path / "a.ply", with_columns(trained(), **colours))) == []
+
+
+@pytest.mark.parametrize("kind", ["u1", "u2", "f4", "f4 of 255"])
+def test_colours_stand_in_for_coefficients(tmp_path: Path, kind: str) -> None:
+    rgb = np.random.default_rng(0).uniform(0, 1, (40, 3))
+    largest = {"u1": 255, "u2": 65535, "f4": 1, "f4 of 255": 255}[kind]
+    stored = (rgb * largest).astype(kind[:2])
+    vertex = vertices(40, 0, f_dc_0=None, f_dc_1=None, f_dc_2=None)
+    path = write(tmp_path / "a.ply", with_columns(vertex, **dict(zip(("red", "green", "blue"), stored.T, strict=True))))
+    np.testing.assert_allclose(0.5 + load_gaussians(path).sh[:, 0] * 0.28209479, rgb, atol=1 / 255)
+
+
+def test_two_scales_are_a_disc(tmp_path: Path) -> None:
+    with pytest.warns(InputWarning, match="2D Gaussian"):
+        disc = load_gaussians(write(tmp_path / "a.ply", vertices(40, 1, scale_2=None)))
+    assert not disc.scales[:, 2].any() and disc.scales[:, :2].all()
+
+
+@pytest.mark.parametrize("text", [False, True])
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "utf-16"])
+def test_comments_may_be_in_any_encoding(tmp_path: Path, text: bool, encoding: str) -> None:
+    path = write(tmp_path / "a.ply", trained(), text=text)
+    plain, comment = load_gaussians(path), b"comment " + "Gelände".encode(encoding) + b"\nelement vertex"
+    path.write_bytes(path.read_bytes().replace(b"element vertex", comment, 1))
+    np.testing.assert_array_equal(load_gaussians(path).means, plain.means)
+
+
+def test_a_pointer_of_git_lfs_is_told_from_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 132735\n")
+    assert tells(refusal(tmp_path / "a.ply"), "LFS `git lfs pull`")
+
+
+def test_points_without_a_rotation_are_dropped_and_counted(tmp_path: Path) -> None:
+    vertex = trained()
+    for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
+        vertex[name][3:] = 0
+    with pytest.warns(InputWarning, match="37 of 40"):
+        assert load_gaussians(write(tmp_path / "g.ply", vertex)).count == 3
+    vertex["rot_0"] = vertex["rot_1"] = vertex["rot_2"] = vertex["rot_3"] = 0
+    assert tells(refusal(write(tmp_path / "g.ply", vertex)), "quats 40")
 
 
 @pytest.mark.parametrize("name", ["x", "rot_1", "scale_2", "opacity", "f_dc_0", "f_rest_3"])

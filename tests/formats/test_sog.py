@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from scenes import make_gaussians, refusing
 
 from tinysplat_runtime.errors import InputError
@@ -30,6 +31,49 @@ def test_a_folder_is_read_as_the_bundle_is(tmp_path: Path) -> None:
     whole, folder = load_gaussians(tmp_path / "a.sog"), load_gaussians(tmp_path / "folder" / "meta.json")
     for name in ("means", "quats", "scales", "opacities", "sh"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(folder, name))
+
+
+def test_version_1_is_read_as_its_writers_meant_it(tmp_path: Path) -> None:
+    """Bytes between limits, opacity as a logit, a palette of degree 3 with limits of its own."""
+    made = some()
+    save_gaussians(tmp_path / "meta.json", made)
+    second = load_gaussians(tmp_path / "meta.json")
+    meta = json.loads((tmp_path / "meta.json").read_text())
+    count = meta.pop("count")
+    del meta["version"]
+
+    def octets(name: str, values: np.ndarray) -> tuple[list[float], list[float]]:
+        low, high = values.min(axis=0), values.max(axis=0)
+        with Image.open(tmp_path / name) as picture:
+            pixels = np.full((*picture.size[::-1], 4), 255, np.uint8)
+        flat = pixels.reshape(-1, 4)
+        flat[:count, : values.shape[1]] = np.rint((values - low) / (high - low) * 255)
+        Image.fromarray(pixels).save(tmp_path / name, lossless=True, exact=True)
+        return low.tolist(), high.tolist()
+
+    logits = np.log(second.opacities / (1 - second.opacities))
+    low, high = octets("scales.webp", np.log(second.scales))
+    meta["scales"] = {"shape": [count, 3], "mins": low, "maxs": high, "files": ["scales.webp"]}
+    low, high = octets("sh0.webp", np.column_stack([second.sh[:, 0], logits]))
+    meta["sh0"] = {"shape": [count, 1, 4], "mins": low, "maxs": high, "files": ["sh0.webp"]}
+    levels = np.array(meta["shN"]["codebook"])
+    with Image.open(tmp_path / "shN_centroids.webp") as image:
+        picture = np.array(image)
+    low, high = levels.min(), levels.max()
+    picture[..., :3] = np.rint((levels[picture[..., :3]] - low) / (high - low) * 255)
+    Image.fromarray(picture).save(tmp_path / "shN_centroids.webp", lossless=True, exact=True)
+    meta["shN"] = {"shape": [count, 15], "mins": low, "maxs": high, "files": meta["shN"]["files"]}
+    meta["means"]["shape"] = [count, 3]
+    (tmp_path / "meta.json").write_text(json.dumps(meta))
+    first = load_gaussians(tmp_path / "meta.json")
+    np.testing.assert_array_equal(first.means, second.means)
+    np.testing.assert_allclose(np.log(first.scales), np.log(second.scales), atol=0.02)
+    np.testing.assert_allclose(first.opacities, second.opacities, atol=0.01)
+    np.testing.assert_allclose(first.sh, second.sh, atol=0.02)
+    del meta["means"]["shape"]
+    (tmp_path / "meta.json").write_text(json.dumps(meta))
+    with refusing(InputError, "'version' 'shape'"):
+        load_gaussians(tmp_path / "meta.json")
 
 
 def test_a_palette_is_better_than_as_many_vectors_drawn_at_random() -> None:

@@ -12,8 +12,9 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, UsdVol, Vt
 from scenes import refusing
 
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.formats import usd
+from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.formats.usd_worker import stage_arrays, stage_notes
 
 
@@ -50,6 +51,22 @@ def test_prims_are_one_list_with_the_sh_of_the_highest_degree(tmp_path: Path) ->
     np.testing.assert_array_equal(found["sh"][2:, :, 0], [[0, 0, 0, 0], [1, 0, 0, 0]])
     np.testing.assert_array_equal(found["sh"][:, 0, 1], [0, 0, 1, 1])
     assert stage_notes(file) == {"unit": "unit 0", "licence": "CC0-1.0"}
+
+
+def test_prims_that_do_not_show_are_left_out_and_counted(tmp_path: Path) -> None:
+    stage = Usd.Stage.Open(stage_of(tmp_path / "a.usda", (0, 0, 0)))
+    UsdGeom.Imageable(stage.GetPrimAtPath("/P0")).MakeInvisible()
+    UsdGeom.Imageable(stage.GetPrimAtPath("/P2")).CreatePurposeAttr("guide")
+    stage.GetRootLayer().Save()
+    found = stage_arrays(str(tmp_path / "a.usda"), 1 << 20)
+    np.testing.assert_array_equal(found["means"], [[2, 0, 3], [2, 1, 3]])
+    assert found["hidden"] == 2
+    with pytest.warns(InputWarning, match="2 prims"):
+        load_gaussians(tmp_path / "a.usda")
+    UsdGeom.Imageable(stage.GetPrimAtPath("/P1")).MakeInvisible()
+    stage.GetRootLayer().Save()
+    with refusing(ValueError, "hidden"):
+        stage_arrays(str(tmp_path / "a.usda"), 1 << 20)
 
 
 def test_more_sh_than_gaussians_need_is_cut_and_less_is_refused(tmp_path: Path) -> None:

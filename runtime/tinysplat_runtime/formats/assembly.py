@@ -71,9 +71,10 @@ def far_note(points: PointCloud) -> list[str]:
 
 
 def without_invalid(arrays: Mapping[str, NDArray]) -> tuple[Mapping[str, NDArray], int]:
-    """A list of Gaussians, (N, …) each, without those that hold NaN, or what float32 cannot, and how many these were.
+    """A list of Gaussians, (N, …) each, without those that are none, and how many these were.
 
-    Training leaves some now and then. Gaussians that are pixels, or not all of one number, pass as they are.
+    They hold NaN, what float32 cannot, or a rotation of zero: training leaves some now and then, and of some trainers'
+    files most. Gaussians that are pixels, or not all of one number, pass as they are.
     """
     lead = arrays["opacities"].shape if "opacities" in arrays else ()
     lists = [arrays[name] for name in FIELDS if name in arrays]
@@ -82,6 +83,7 @@ def without_invalid(arrays: Mapping[str, NDArray]) -> tuple[Mapping[str, NDArray
     good = np.ones(lead, bool)
     for array in lists:
         good &= (np.abs(array.reshape(len(array), -1)) <= np.finfo(np.float32).max).all(axis=1)
+    good &= (arrays["quats"].reshape(len(good), -1) != 0).any(axis=1)
     if good.all() or not good.any():
         return arrays, 0
     return {name: array[good] if name in FIELDS else array for name, array in arrays.items()}, int((~good).sum())

@@ -80,8 +80,8 @@ def save_compressed_ply(path: Path, gaussians: Gaussians) -> list[str]:
 
 
 def is_compressed(elements: Any) -> bool:
-    """Whether elements of a .ply by name, as plyfile gives them, are of this layout."""
-    return "chunk" in elements and "vertex" in elements and _WORDS[0] in elements["vertex"].data.dtype.names
+    """Whether the elements of a .ply by name are of this layout."""
+    return "chunk" in elements and "vertex" in elements and _WORDS[0] in (elements["vertex"].dtype.names or ())
 
 
 def compressed_arrays(elements: Any) -> dict[str, NDArray]:
@@ -90,7 +90,7 @@ def compressed_arrays(elements: Any) -> dict[str, NDArray]:
     Raises:
         InputError: columns are missing, or counts do not fit each other.
     """
-    chunk, vertex = elements["chunk"].data, elements["vertex"].data
+    chunk, vertex = elements["chunk"], elements["vertex"]
     ranges = _RANGES if "min_r" in (chunk.dtype.names or ()) else _RANGES[:12]
     words = _columns(vertex, _WORDS, "vertex", "iu").astype(np.uint32)
     bounds = _columns(chunk, ranges, "chunk")
@@ -118,7 +118,7 @@ def _higher(elements: Any, count: int) -> NDArray:
     """(N, B − 1, 3)."""
     if "sh" not in elements:
         return np.zeros((count, 0, 3))
-    data = elements["sh"].data
+    data = elements["sh"]
     names = [f"f_rest_{i}" for i in range(len(data.dtype.names or ()))]
     if len(names) not in _SH_COUNTS or len(data) != count:
         raise InputError(f"{len(data)} rows of {len(names)} SH values for {count} Gaussians")

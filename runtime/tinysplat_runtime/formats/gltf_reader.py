@@ -1,8 +1,9 @@
 """Read the points of glTF 2.0 files with the extension KHR_gaussian_splatting: bytes in, arrays out.
 
 All splat primitives of the file's scene become one list, each where its nodes put it; quantised accessors are read,
-and SPZ files by the draft KHR_gaussian_splatting_compression_spz_2.
-What is written, and the source, stand in `gltf`.
+and SPZ files by the draft KHR_gaussian_splatting_compression_spz_2. Linear colours become sRGB ones (`colours`); other
+kernels, projections, orders and colour spaces are refused, and so is an extension that the file requires and nobody
+here knows. What is written, and the source, stand in `gltf`.
 
 Trust boundary: accessors are held against their buffers, and these against the file, before memory is taken; buffers
 lie in the file itself or beside it in its folder, never elsewhere.
@@ -24,7 +25,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..gaussian.notes import NAMES
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..scene.cameras import Camera
@@ -32,15 +33,29 @@ from ..system.files import parsing, read_limited
 from .arrays import viewpoint_arrays
 from .assembly import joined
 from .axes import half_turned
+from .colours import srgb_of_linear
 from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK, SPZ_EXTENSION
 from .placement import placed
 from .spz import decode_spz
+
+SRGB, LINEAR = "srgb_rec709_display", "lin_rec709_display"
 
 _MAX_JSON_BYTES = 16 << 20
 _MAX_NODES, _MAX_DEPTH = 10_000, 64
 _MAX_NAME = 200  # letters of a buffer's file name
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_ACCEPTED = {
+    "kernel": ("ellipse",),
+    "colorSpace": (SRGB, LINEAR),
+    "projection": ("perspective",),
+    "sortingMethod": ("cameraDistance",),
+}
+"""What the extension's fields may say; files by its drafts lack some."""
+
+_NEEDED = re.compile(rf"{EXTENSION}|{SPZ_EXTENSION}|KHR_mesh_quantization|(KHR|EXT)_(materials|lights|texture|xmp)_\w+")
+"""Extensions that a file may require: known here, or of no concern to Gaussians."""
+
 _SH = re.compile(rf"{EXTENSION}:SH_DEGREE_([0-3])_COEF_([0-6])")
 
 
@@ -93,7 +108,7 @@ class _File:
     """A glTF document and its buffers, each read once it is asked for."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
-        self._path, self.max_bytes = path, max_bytes
+        self.path, self.max_bytes = path, max_bytes
         self._buffers: dict[int, bytes] = {}
         with path.open("rb") as file:
             head = file.read(20)
@@ -115,6 +130,10 @@ class _File:
             raise InputError("its JSON does not parse") from None
         if not isinstance(self.document, dict):
             raise InputError("its JSON is no object")
+        required = self.document.get("extensionsRequired", [])
+        for name in required if isinstance(required, list) else [required]:
+            if not isinstance(name, str) or not _NEEDED.fullmatch(name):
+                raise InputError(f"{ascii(name)[:60]}, which is not known here", where="extensionsRequired")
 
     def entry(self, kind: str, index: Any) -> dict[str, Any]:
         """Element `index` of the list `kind`."""
@@ -177,10 +196,10 @@ class _File:
     def _embedded(self) -> bytes:
         if self._binary_at is None:
             raise InputError("a buffer without an address")
-        with self._path.open("rb") as file:
+        with self.path.open("rb") as file:
             file.seek(self._binary_at)
             head = file.read(8)
-            left = self._path.stat().st_size - self._binary_at - 8
+            left = self.path.stat().st_size - self._binary_at - 8
             length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
             if kind != BINARY_CHUNK or length > left or length > self.max_bytes:
                 raise InputError("no whole binary chunk")
@@ -195,7 +214,7 @@ class _File:
             except (binascii.Error, ValueError):
                 raise InputError("a buffer's base64 is damaged") from None
         name = unquote(uri)
-        target = self._path.parent / name
+        target = self.path.parent / name
         odd = (
             "\0" in name
             or ":" in name
@@ -203,7 +222,7 @@ class _File:
             or not name.isprintable()
             or len(name) > _MAX_NAME
         )
-        if odd or not target.resolve().is_relative_to(self._path.parent.resolve()):
+        if odd or not target.resolve().is_relative_to(self.path.parent.resolve()):
             raise InputError(f"buffer {ascii(uri)[:60]}, expected a file in the folder of the .gltf")
         return read_limited(target, self.max_bytes)
 
@@ -271,13 +290,22 @@ def _mesh_parts(file: _File, mesh: Mapping[str, Any]) -> Iterator[dict[str, NDAr
         extensions = _object(_object(primitive).get("extensions"))
         if EXTENSION not in extensions:
             continue
-        inner = _object(extensions[EXTENSION]).get("extensions")
+        stated = _object(extensions[EXTENSION])
+        for field, accepted in _ACCEPTED.items():
+            if (said := stated.get(field, accepted[0])) not in accepted:
+                fault = f"{ascii(said)[:60]}, expected {' or '.join(accepted)}"
+                raise InputError(fault, where=f"{EXTENSION}.{field}")
+        inner = stated.get("extensions")
         if isinstance(inner, dict) and list(inner) == [SPZ_EXTENSION]:
-            yield _spz_arrays(file, primitive, _object(inner[SPZ_EXTENSION]).get("bufferView"))
+            arrays = _spz_arrays(file, primitive, _object(inner[SPZ_EXTENSION]).get("bufferView"))
         elif inner:
             raise InputError(f"compressed by {ascii(inner)[:80]}, expected plain {EXTENSION} or {SPZ_EXTENSION}")
         else:
-            yield _primitive_arrays(file, primitive)
+            arrays = _primitive_arrays(file, primitive)
+        if stated.get("colorSpace") == LINEAR:
+            warn(f"{file.path}: {LINEAR}: colours become sRGB's, whose blends differ a little from linear ones")
+            arrays["sh"] = srgb_of_linear(arrays["sh"])
+        yield arrays
 
 
 def _spz_arrays(file: _File, primitive: Mapping[str, Any], view: Any) -> dict[str, NDArray]:

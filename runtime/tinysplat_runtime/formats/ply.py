@@ -4,7 +4,10 @@ Names and order: x y z, nx ny nz (zero), f_dc_0…2, f_rest_* with all higher SH
 of blue, opacity (logit), scale_0…2 (natural logarithm), rot_0…3 (wxyz). Source: Kerbl et al. 2023, the reference code's
 `save_ply`.
 
-Trust boundary: a header's counts are held against the file's length before memory is taken.
+Other trainers' properties: Mip-Splatting's `filter_3D` is applied; `red green blue` stand for f_dc (nerfstudio's
+`--ply-color-mode rgb`); without scale_2, Gaussians are the discs of 2D Gaussian Splatting. What is ignored is named.
+
+Trust boundary: `system.ply` holds a header's counts against the file's length before memory is taken.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..system.files import parsing
+from ..system.ply import ply_elements
 from .assembly import PointCloud, cut_degree_note
 from .compressed_ply import compressed_arrays, is_compressed
 from .file_notes import ply_comments
@@ -33,12 +37,23 @@ _MEANS, _CONSTANT, _OPACITY = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2"), (
 _SCALES, _QUATS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
 _REST = re.compile(r"f_rest_\d{1,3}")
 
-_MAX_HEADER_BYTES = 1 << 16
+_COLOURS, _FILTER = (("red", "green", "blue"), ("r", "g", "b")), "filter_3D"
+_UNSHOWN = {"nx", "ny", "nz", "red", "green", "blue", "alpha"}
+"""Properties that change nothing where there are coefficients."""
+
+_MEANINGS = (
+    (
+        r"t|time|scale_t|motion_\w+|trbf_\w+|omega_\w+|rot_[4-9]|\w*velocity\w*",
+        "this cloud moves, and Gaussians of all its moments are shown at once",
+    ),
+    (r"beta|sb_params_\w+", "its kernels are no Gaussians, and are drawn as such"),
+    (r".*", "no property of 3D Gaussian Splatting, so this may look otherwise than where it was trained"),
+)
+"""What it means that a property is ignored, by its name; the first that fits."""
+
 _TELLING = 16  # points from which on values of all of them tell something
-_WIDE = 0.2  # of the points' extent, which no real scene's median Gaussian reaches
+_MAX_LOGIT = 40.0  # no trainer's
 _MAX_COLOUR = 4.0  # f_dc of a colour a little over twice white
-_BYTES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2}
-_BYTES |= {"double": 8, "float64": 8}
 _OPACITY_MARGIN = 2.0**-24  # logits within ±16.6; what it moves is less than float32's step at 1
 
 
@@ -51,34 +66,67 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
         InputError: damaged, of another layout, or larger than `max_bytes`.
         ImportError: plyfile is not installed.
     """
-    import plyfile
-
-    _check_header(path, max_bytes)
-    with parsing(".ply file"):
-        elements = {element.name: element for element in plyfile.PlyData.read(str(path))}
+    elements = ply_elements(path, max_bytes)
     if is_compressed(elements):
         return compressed_arrays(elements)
-    with parsing(".ply file"):
-        vertex: NDArray[Any] = elements["vertex"].data if "vertex" in elements else np.zeros(0)
+    vertex: NDArray[Any] = elements.get("vertex", np.zeros(0))
     if "vertex" in elements and not len(vertex):
         raise InputError("no vertices, expected one for each Gaussian")
     names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects
     rest = [f"f_rest_{i}" for i in range(sum(_REST.fullmatch(name) is not None for name in names))]
-    missing = [name for name in (*_MEANS, *_CONSTANT, *rest, *_OPACITY, *_SCALES, *_QUATS) if name not in names]
+    scales = _SCALES[:2] if {*_SCALES} - {*names} == {"scale_2"} else _SCALES
+    colours = next((c for c in _COLOURS if {*c} <= {*names}), ()) if not {*_CONSTANT} & {*names} else ()
+    wanted = [*_MEANS, *(colours or _CONSTANT), *rest, *_OPACITY, *scales, *_QUATS]
+    missing = [name for name in wanted if name not in names]
     if missing or len(rest) % 3:
         fault = f"lacks {', '.join(missing[:6])}" if missing else f"{len(rest)} f_rest properties"
         raise InputError(f"{fault}, expected vertices in the layout of 3D Gaussian Splatting")
-    for doubt in _doubts(vertex):
-        warn(f"{path}: {doubt}")
+    ignored = [name for name in names if name not in {*wanted, *_UNSHOWN, _FILTER}]
+    for line in [*_doubts(vertex, bool(colours)), *_meanings(ignored, is_flat=scales != _SCALES)]:
+        warn(f"{path}: {line}")
     with parsing(".ply file"), np.errstate(over="ignore", invalid="ignore"):
         higher = _columns(vertex, rest).reshape(len(vertex), 3, -1).swapaxes(1, 2)  # (N, B − 1, 3)
-        return {
+        constant = (_unit_colours(vertex, colours) - 0.5) / C0 if colours else _columns(vertex, _CONSTANT)
+        arrays = {
             "means": _columns(vertex, _MEANS),
             "quats": _columns(vertex, _QUATS),
-            "scales": np.exp(_columns(vertex, _SCALES).astype(np.float64)),
+            "scales": np.exp(_columns(vertex, scales).astype(np.float64)),
             "opacities": 1 / (1 + np.exp(-_columns(vertex, _OPACITY)[:, 0].astype(np.float64))),
-            "sh": np.concatenate([_columns(vertex, _CONSTANT)[:, None], higher], axis=1),
+            "sh": np.concatenate([constant[:, None], higher], axis=1),
         }
+        arrays["scales"] = np.pad(arrays["scales"], ((0, 0), (0, 3 - len(scales))))
+        return arrays if _FILTER not in names else _filtered(arrays, vertex[_FILTER].astype(np.float64))
+
+
+def _filtered(arrays: dict[str, NDArray], width: NDArray) -> dict[str, NDArray]:
+    """Arrays of Gaussians seen through their own low-pass filters, of a standard deviation (N,) each.
+
+    Source: Yu et al. 2024, "Mip-Splatting", section 5.1: covariances grow by the filter's, and opacities shrink by the
+    root of the determinants' ratio, so that each Gaussian keeps its mass.
+    """
+    wide = np.sqrt(arrays["scales"] ** 2 + width[:, None] ** 2)
+    shrunk = np.divide(arrays["scales"], wide, out=np.ones_like(wide), where=wide != 0).prod(axis=1)
+    return {**arrays, "scales": wide, "opacities": arrays["opacities"] * shrunk}
+
+
+def _unit_colours(vertex: NDArray, names: Sequence[str]) -> NDArray:
+    """(N, 3) float64 colours, 1 being white, of whole numbers of their type's range, or of floating-point ones."""
+    colours = _columns(vertex, names)
+    if colours.dtype.kind in "iu":
+        return colours / float(np.iinfo(colours.dtype).max)
+    return colours.astype(np.float64) / (255 if colours.max(initial=0) > _MAX_COLOUR else 1)
+
+
+def _meanings(ignored: Sequence[str], *, is_flat: bool) -> list[str]:
+    """What it means that properties are ignored or lacking, a line each."""
+    lines = ["scale_0 and scale_1 alone: discs of 2D Gaussian Splatting, of no thickness"] if is_flat else []
+    by_meaning: dict[str, list[str]] = {}
+    for name in ignored:
+        meaning = next(meaning for pattern, meaning in _MEANINGS if re.fullmatch(pattern, name))
+        by_meaning.setdefault(meaning, []).append(name)
+    for meaning, names in by_meaning.items():
+        lines.append(f"ignores {', '.join(names[:4])}{', …' if len(names) > 4 else ''}: {meaning}")
+    return lines
 
 
 def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
@@ -141,42 +189,19 @@ def _columns(vertex: NDArray, names: Sequence[str]) -> NDArray:
     return np.stack([vertex[name] for name in names], axis=-1) if names else np.zeros((len(vertex), 0), np.float32)
 
 
-def _doubts(vertex: NDArray) -> list[str]:
-    """What points to values that are not as the layout has them, a line each."""
+def _doubts(vertex: NDArray, are_colours: bool) -> list[str]:
+    """What points to values that are not as the layout has them, a line each; `activation` looks at the others."""
     if len(vertex) < _TELLING:
         return []
+    names = [_OPACITY] if are_colours else [_OPACITY, _CONSTANT]
     with np.errstate(over="ignore", invalid="ignore"):
-        blocks = [_columns(vertex, names).astype(np.float64) for names in (_MEANS, _SCALES, _OPACITY, _CONSTANT)]
-    means, scales, opacity, colours = (block[np.isfinite(block).all(axis=1)] for block in blocks)
+        blocks = [_columns(vertex, block).astype(np.float64) for block in names]
+    opacity, *colours = (block[np.isfinite(block).all(axis=1)] for block in blocks)
     doubts = []
-    if means.size and scales.size and scales.min() >= 0:
-        low, high = np.percentile(means, (5, 95), axis=0)
-        if np.exp(np.median(scales)) > _WIDE * (high - low).max():
-            doubts.append("scale_0…2 hold no value below 0: linear scales, where their logarithms are expected?")
-    if opacity.size and 0 <= opacity.min() < opacity.max() <= 1:
-        doubts.append("opacity lies within 0 and 1 everywhere: linear values, where logits are expected?")
-    if colours.size and 0 <= colours.min() < colours.max() and not _MAX_COLOUR >= colours.max() > 1:
-        kind = "0 to 1" if colours.max() <= 1 else "0 to 255"
-        doubts.append(f"f_dc_0…2 hold no value below 0: colours of {kind}, where SH coefficients are expected?")
+    if opacity.size and opacity.min() >= 0 and opacity.max() > _MAX_LOGIT:
+        doubts.append("opacity holds no value below 0: linear values of 0 to 255, where logits are expected?")
+    for block in colours:
+        if block.size and 0 <= block.min() < block.max() and not _MAX_COLOUR >= block.max() > 1:
+            kind = "0 to 1" if block.max() <= 1 else "0 to 255"
+            doubts.append(f"f_dc_0…2 hold no value below 0: colours of {kind}, where SH coefficients are expected?")
     return doubts
-
-
-def _check_header(path: Path, max_bytes: int) -> None:
-    """Refuse counts that the file is too short for: a value takes at least a byte in each of PLY's encodings."""
-    with path.open("rb") as file:
-        head, end, _ = file.read(_MAX_HEADER_BYTES).partition(b"end_header")
-    if not head.startswith(b"ply") or not end:
-        raise InputError("does not start with a PLY header")
-    values, length = 0, len(head) + len(b"end_header\n")
-    for element in re.split(rb"[\r\n]\s*element\s", head)[1:]:
-        count = re.match(rb"\s*\S+\s+(\d{1,18})\s", element)
-        if count is None:
-            raise InputError("damaged PLY header")
-        kinds = re.findall(rb"[\r\n]\s*property\s+(\S+)", element)
-        values += int(count[1]) * max(len(kinds), 1)
-        length += int(count[1]) * sum(_BYTES.get(kind.decode("ascii", "replace"), 4) for kind in kinds)
-    size = path.stat().st_size
-    if b"format binary" in head and b"property list" not in head and length > size:
-        raise InputError(f"cut short: {size} bytes of the {length} that its header announces")
-    if values > min(size, max_bytes // 8):
-        raise InputError(f"announces {values} values, which neither the file nor {max_bytes} bytes can hold")

@@ -5,6 +5,9 @@ in 8 bits, the largest one's index in alpha; logarithms of scales, and SH of deg
 values; higher SH bytes into a codebook for a palette of at most 65,536 vectors. Rows follow a Morton curve. Source:
 developer.playcanvas.com, "The SOG Format", and github.com/playcanvas/splat-transform.
 
+Version 1, which is read, too, has no `version`. Its bytes lie between `mins` and `maxs` in place of codebooks, by
+channel but for SH, and alpha of degree 0 is a logit. Source: github.com/playcanvas/engine, `gsplat-sogs-data.js`.
+
 A `lod-meta.json` names several such folders and, in a tree, the rows of them that show a place at each level of detail:
 level 0 is the finest, and what is read.
 
@@ -263,9 +266,10 @@ def _reading(path: Path) -> Iterator[Callable[[str, int], bytes]]:
 
 def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> dict[str, NDArray]:
     meta = _json_object(read(META, _MAX_META))
-    if meta.get("version") != 2:
-        raise InputError(f"version {str(meta.get('version'))[:20]}, expected 2", where=META)
-    count = meta.get("count")
+    if meta.get("version", 1) not in (1, 2):
+        raise InputError(f"version {str(meta.get('version'))[:20]}, expected 1 or 2", where=META)
+    is_first = meta.get("version", 1) == 1
+    count = _shape(meta)[0] if is_first else meta.get("count")
     if not isinstance(count, int) or not 1 <= count <= min(_MAX_SIDE**2, max_bytes // 100):
         raise InputError(f"count {str(count)[:20]}, which {max_bytes} bytes cannot hold", where=META)
 
@@ -279,15 +283,36 @@ def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> dict[str, NDAr
     codes = pixels("means")[:, :3] + 256.0 * pixels("means", 1)[:, :3]
     with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
         logs = low + codes / 65535 * (high - low)
-        colours = pixels("sh0")
-        constant = _numbers(meta, "sh0", "codebook", 256)[colours[:, :3]]  # (N, 3)
+        colours, scales = pixels("sh0"), pixels("scales")[:, :3]
+        if is_first:
+            constant = _between(meta, "sh0", colours)
+            opacities = 1 / (1 + np.exp(-constant[:, 3]))
+            log_scales = _between(meta, "scales", scales)
+        else:
+            constant = _numbers(meta, "sh0", "codebook", 256)[colours[:, :3]]
+            opacities = colours[:, 3] / 255.0
+            log_scales = _numbers(meta, "scales", "codebook", 256)[scales]
         return {
             "means": np.sign(logs) * np.expm1(np.abs(logs)),
             "quats": _unpacked_rotations(pixels("quats")),
-            "scales": np.exp(_numbers(meta, "scales", "codebook", 256)[pixels("scales")[:, :3]]),
-            "opacities": colours[:, 3] / 255.0,
-            "sh": np.concatenate([constant[:, None], _read_higher(read, meta, count, pixels)], axis=1),
+            "scales": np.exp(log_scales),
+            "opacities": opacities,
+            "sh": np.concatenate([constant[:, None, :3], _read_higher(read, meta, count, pixels)], axis=1),
         }
+
+
+def _shape(meta: Mapping[str, Any]) -> list[Any]:
+    """The shape of version 1's means; its first number is how many Gaussians there are."""
+    shape = _entry(meta, "means").get("shape")
+    if not isinstance(shape, list) or not shape:
+        raise InputError("lacks 'version' and 'shape'", where=META)
+    return shape
+
+
+def _between(meta: Mapping[str, Any], name: str, codes: NDArray) -> NDArray:
+    """Bytes (N, C) of version 1 between the limits of their channels."""
+    low, high = (_numbers(meta, name, end, codes.shape[1]) for end in ("mins", "maxs"))
+    return low + codes / 255.0 * (high - low)
 
 
 def _read_higher(
@@ -297,14 +322,20 @@ def _read_higher(
     if "shN" not in meta:
         return np.zeros((count, 0, 3))
     entry = _entry(meta, "shN")
-    degree, size = entry.get("bands"), entry.get("count")
+    is_first = "codebook" not in entry
+    degree, size = (3, _MAX_PALETTE) if is_first else (entry.get("bands"), entry.get("count"))
     if degree not in (1, 2, 3) or not isinstance(size, int) or not 1 <= size <= _MAX_PALETTE:
         raise InputError(f"degree {str(degree)[:20]}, palette of {str(size)[:20]}", where="shN")
     terms = _TERMS[degree]
     picture = _picture(read, meta, "shN", 0, _MAX_PALETTE * terms)
     if picture.shape[1] != _PALETTE_ROW * terms:
         raise InputError(f"a palette {picture.shape[1]} pixels wide, expected {_PALETTE_ROW * terms}", where="shN")
-    vectors = _numbers(meta, "shN", "codebook", 256)[picture[..., :3].reshape(-1, terms, 3)]
+    codes = picture[..., :3].reshape(-1, terms, 3)
+    if is_first:
+        low, high = (_number(entry, end) for end in ("mins", "maxs"))
+        vectors = low + codes / 255.0 * (high - low)
+    else:
+        vectors = _numbers(meta, "shN", "codebook", 256)[codes]
     labels = pixels("shN", 1)[:, :2] @ np.array([1, 256])
     if labels.max() >= len(vectors):
         raise InputError(f"index {labels.max()} into a palette of {len(vectors)}", where="shN")
@@ -358,3 +389,10 @@ def _numbers(meta: Mapping[str, Any], name: str, field: str, count: int) -> NDAr
     if not isinstance(values, list) or len(values) != count or not all(isinstance(v, (int, float)) for v in values):
         raise InputError(f"expected {count} numbers in '{field}'", where=name)
     return np.array(values, np.float64)
+
+
+def _number(entry: Mapping[str, Any], field: str) -> float:
+    value = entry.get(field)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"expected a number in '{field}'", where="shN")
+    return float(value)

@@ -188,6 +188,7 @@ def load_gaussians(
     Raises:
         InputError: names the file and the array: missing, damaged, too large, of another shape, out of range.
     """
+    from .activation import activation_doubts
     from .assembly import assemble, without_invalid
 
     path = Path(path)
@@ -206,13 +207,16 @@ def load_gaussians(
         if not path.stat().st_size:
             raise InputError(f"an empty file, expected {form.name}")
         arrays_read, invalid = form.read(Path(path), max_bytes), 0
+        for doubt in activation_doubts(arrays_read):
+            warn(f"{path}: {doubt}")
         if grid is None:
             arrays_read, invalid = without_invalid(arrays_read)
         gaussians = assemble(arrays_read, grid, cameras)
         if not gaussians.is_per_pixel and not gaussians.viewpoints:
             gaussians = replace(gaussians, viewpoints=cameras_beside(path))
         if invalid:
-            warn(f"{path}: {invalid} of {invalid + gaussians.count} Gaussians hold NaN or infinity and are left out")
+            fault = "hold NaN, infinity or a rotation of zero and are left out"
+            warn(f"{path}: {invalid} of {invalid + gaussians.count} Gaussians {fault}")
         return gaussians.with_notes(NO_NOTES if form.notes is None else Notes(**form.notes(Path(path))))
     except ImportError:
         raise _missing_package(path, form) from None

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
@@ -64,7 +64,7 @@ def write_usd(path: Path, gaussians: Gaussians) -> list[str]:
 
 
 def read_usd(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read the Gaussians of all ParticleField3DGaussianSplat prims of a stage as one list.
+    """Read the Gaussians of all ParticleField3DGaussianSplat prims of a stage that show as one list.
 
     Returns:
         means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear; means float64.
@@ -75,6 +75,8 @@ def read_usd(path: Path, max_bytes: int) -> dict[str, NDArray]:
     """
     arrays = _read(path, max_bytes)
     del arrays["notes"]
+    if hidden := int(arrays.pop("hidden")):
+        warn(f"{path}: {hidden} prims with Gaussians are invisible, guides or proxies, and left out")
     return half_turned(arrays)
 
 

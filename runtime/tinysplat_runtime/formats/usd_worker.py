@@ -1,6 +1,7 @@
 """The process in which usd-core reads a file: `python -m tinysplat_runtime.formats.usd_worker FILE OUT.npz MAX_BYTES`.
 
-Writes the arrays of `usd.read_usd` about axes with y up, and `notes`, JSON; with 0 in place of MAX_BYTES those alone.
+Writes the arrays of `usd.read_usd` about axes with y up, how many prims are `hidden`, and `notes`, JSON; with 0 in
+place of MAX_BYTES those alone.
 """
 
 from __future__ import annotations
@@ -28,23 +29,28 @@ SECONDS, MEMORY_FACTOR, MEMORY_BASE = 240, 40, 3 << 28
 
 
 def stage_arrays(path: str, max_bytes: int) -> dict[str, NDArray]:
-    """Arrays of all Gaussians of a stage in its world's axes, y up: (N, …) float, by name.
+    """Arrays of all Gaussians of a stage in its world's axes, y up: (N, …) float, by name; `hidden` is how many prims
+    are invisible, or guides or stand-ins for others, and left out.
 
     Raises:
-        ValueError: references to other files, no Gaussians, or arrays that do not fit each other.
+        ValueError: references to other files, no Gaussians that show, or arrays that do not fit each other.
     """
     from pxr import UsdGeom
 
     stage = _stage(path)
     z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
-    parts = []
+    parts, hidden = [], 0
     cache = UsdGeom.XformCache()
     for prim in stage.Traverse():
-        if prim.GetTypeName() == TYPE:
+        if prim.GetTypeName() != TYPE:
+            continue
+        if not _is_shown(UsdGeom.Imageable(prim)):
+            hidden += 1
+        else:
             parts.append(_placed(_prim_arrays(prim, max_bytes), np.array(cache.GetLocalToWorldTransform(prim)).T, z_up))
     if not parts:
-        raise ValueError(f"no prim of type {TYPE}")
-    return joined(parts)
+        raise ValueError(f"no prim of type {TYPE}" + (f" but {hidden} that are hidden" if hidden else ""))
+    return {**joined(parts), "hidden": np.array(hidden)}
 
 
 def stage_notes(path: str) -> dict[str, str]:
@@ -68,6 +74,13 @@ def _stage(path: str) -> Any:
     if outside:
         raise ValueError(f"refers to another file ({outside[0][:60]}), expected one that stands alone")
     return Usd.Stage.Open(layer, Usd.Stage.LoadNone)
+
+
+def _is_shown(prim: Any) -> bool:
+    from pxr import UsdGeom
+
+    tokens = UsdGeom.Tokens
+    return prim.ComputeVisibility() != tokens.invisible and prim.ComputePurpose() in (tokens.default_, tokens.render)
 
 
 def _prim_arrays(prim: Any, max_bytes: int) -> dict[str, NDArray]:
