@@ -27,8 +27,11 @@ from .system.threads import available_cores
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from .codec.job import EncodeStats
     from .codec.parts import SceneFile
+    from .recipe.request import CompressKeywords, EncodeKeywords, ExportKeywords, SaveKeywords
     from .refine.stats import RefineStats
     from .scene.cameras import Camera
     from .scene.scenes import Scene
@@ -135,8 +138,8 @@ class Runtime:
         from .recipe.request import Coding
         from .recipe.words import Refinement
 
-        budget = None if steps is None and seconds is None else Refinement(steps, seconds)
-        return stages.refine(gaussians, scene, budget, Coding(profile, qp), self, stats=stats)
+        coding = Coding(profile=profile, qp=qp)
+        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats)
 
     def compress(
         self,
@@ -144,40 +147,33 @@ class Runtime:
         profile: str | None = None,
         qp: float | None = None,
         *,
-        cameras: Sequence[Camera] | StrPath | None = None,
         stats: EncodeStats | None = None,
-        **options: Any,
+        **options: Unpack[CompressKeywords],
     ) -> bytes:
-        """Code Gaussians as a `.tsplat` file's bytes.
+        """Code Gaussians as a `.tsplat` file's bytes: those that `tinysplat compress` writes of the same options.
 
         Args:
             gaussians: per pixel, with cameras; or a list, as of a trained or an edited scene, which
                 mode `free` codes: as one list, in an order of its own, without those that pictures hardly need
                 (`keep_all` keeps them; so does a Python without numba, with a warning) and those of opacity
-                under 1/255. The file carries their notes and viewpoints.
+                under 1/255. The file carries their notes and viewpoints. Without `cameras` an object is looked at
+                from outside, and of a place, which was seen from within, all is kept, with a warning.
             profile: see `recipe.request.Coding`.
             qp: see there.
-            cameras: of a list, those of the photos that it was made from, or what `load_cameras`
-                reads; in place of its viewpoints. What these cameras show stays. Without any an object is looked at
-                from outside, and of a place, which was seen from within, all is kept, with a warning.
             stats: filled with what coding measured.
-            **options: `target_size`, `target_psnr`, `lossless`, `like`, `drop_invalid`, `keep_all`; see there.
+            **options: of `recipe.request.CompressRequest`.
 
         Raises:
             FormatError: `like` is damaged.
-            InputError: an option of a wrong type or out of range, two options that contradict each other, a target that
+            InputError: an option of a wrong kind or out of range, two options that contradict each other, a target that
                 cannot be reached; with `lossless` or `like`, a list, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
-        from .recipe.request import coding_of
-        from .recipe.stages import code
+        from .recipe.encode import compress
+        from .recipe.request import CompressRequest
 
         _check(gaussians, Gaussians, *GAUSSIANS)
-        if cameras is not None:
-            from .formats.viewpoints import seen_from
-
-            gaussians = seen_from(gaussians, cameras)
-        return code(gaussians, coding_of(profile=profile, qp=qp, **options), self, stats=stats)
+        return compress(CompressRequest.of(gaussians, profile=profile, qp=qp, **options), self, stats=stats).data
 
     def encode(
         self,
@@ -188,7 +184,7 @@ class Runtime:
         *,
         gaussians: Gaussians | None = None,
         stats: EncodeStats | None = None,
-        **options: Any,
+        **options: Unpack[EncodeKeywords],
     ) -> bytes:
         """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
 
@@ -204,11 +200,10 @@ class Runtime:
             gaussians: what `predict` made of the scene, if that is at hand: nothing is then chosen, found, scaled or
                 looked at, and the file carries their notes.
             stats: filled with what coding measured, the mode, and why `auto` came to it.
-            **options: by the names of the command's: `views`, `size`, `near`, `far`, `mode`, `refine`, those of
-                `compress` and others; see `recipe.request`.
+            **options: of `recipe.request.EncodeRequest`, by the names of the command's.
 
         Raises:
-            InputError: an option of a wrong type or out of range, two options that contradict each other, a scene that
+            InputError: an option of a wrong kind or out of range, two options that contradict each other, a scene that
                 memory does not suffice for, and what `predict` and `compress` refuse.
             ModelError, NumericError: as `predict` and `compress`.
         """
@@ -259,7 +254,9 @@ class Runtime:
                 lost += file.lost
         return decode_file(file, self.store, threads=self.threads, model=model, watch=watch)
 
-    def convert(self, source: StrPath | Sequence[StrPath], target: StrPath, **options: Any) -> list[str]:
+    def convert(
+        self, source: StrPath | Sequence[StrPath], target: StrPath, **options: Unpack[ExportKeywords]
+    ) -> list[str]:
         """Gaussian files to another format: the very bytes that `tinysplat convert` and `decode` write.
 
             ts.convert("room.tsplat", "room.ply")
@@ -268,8 +265,7 @@ class Runtime:
         Args:
             source: a file, or several, which become one list.
             target: the file to write; its ending tells the format.
-            **options: by the names of the command's: fields of `recipe.export.ExportRequest`, and `unit`,
-                `attribution` and `licence`.
+            **options: of `recipe.request.ExportRequest`, by the names of the command's.
 
         Returns:
             What the format could not keep, one line each.
@@ -278,7 +274,8 @@ class Runtime:
             FormatError: a damaged `.tsplat` file.
             InputError: a file or an option that cannot be used, or nothing is left.
         """
-        from .recipe.export import ExportRequest, exported, write
+        from .recipe.export import exported, write
+        from .recipe.request import ExportRequest
 
         request = ExportRequest.of(**options)
         sources: Sequence[Any] = source if isinstance(source, list | tuple) else [source]
@@ -397,15 +394,14 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
         raise error.within(str(path)) from None
 
 
-def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **options: Any) -> list[str]:
+def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKeywords]) -> list[str]:
     """Write a file of the format that its ending tells, with the bytes that `tinysplat convert` writes.
 
     Args:
         path: `.tsplat`, or one of `formats.table.FORMATS`.
         gaussians: any. Lists get of a capture, more than six views, each surface from two views, for viewers
             that draw all they are given; `keep_all=True` keeps every Gaussian, as `.npz` and `.safetensors` do.
-        *arguments: of a `.tsplat` file, those of `compress`; of others, `sh_bits` and `spz_version`.
-        **options: those of `recipe.export.ExportRequest`, and of a `.tsplat` file those of `compress`, too.
+        **options: of `recipe.request.ExportRequest`, and for a `.tsplat` file those of `CompressRequest`.
 
     Returns:
         What the format could not keep, one line each.
@@ -416,21 +412,22 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, *arguments: Any, **optio
     _check(path, PATH, "path", "a path")
     _check(gaussians, Gaussians, *GAUSSIANS)
     from .gaussian.editing import select_views
-    from .recipe.export import HOW, ExportRequest, exported, names, write
+    from .recipe.encode import compress as code
+    from .recipe.export import exported, write
+    from .recipe.request import HOW, CompressRequest, ExportRequest
 
-    is_ours, chosen = os.fspath(path).lower().endswith(SUFFIX), options
+    is_ours, coding = os.fspath(path).lower().endswith(SUFFIX), dict[str, Any]()
     if is_ours:
-        chosen = {name: options.pop(name) for name in names() - {*HOW, "keep_all", "cameras"} if name in options}
-    else:
-        chosen |= dict(zip(("sh_bits", "spz_version"), arguments, strict=False))
-    request = ExportRequest.of(**chosen)
+        exporting = {name for name, option in ExportRequest.options().items() if option.group != HOW}
+        coding = {name: value for name, value in options.items() if name not in exporting - {"keep_all", "cameras"}}
+    request = ExportRequest.of(**{name: value for name, value in options.items() if name not in coding})
     gaussians = gaussians if request.views is None else select_views(gaussians, request.views)
     gaussians = exported([("", gaussians)], os.fspath(path), request, _shared())
     if not is_ours:
         return write(path, gaussians, request, _shared())
     if request.prune is not None:
-        options.setdefault("keep_all", True)
-    write_atomically(path, compress(gaussians, *arguments, **options))
+        coding.setdefault("keep_all", True)
+    write_atomically(path, code(CompressRequest.of(gaussians, **coding), _shared()).data)
     return []
 
 

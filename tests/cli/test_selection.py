@@ -120,7 +120,7 @@ def test_joined_files_and_saved_gaussians_are_the_commands_too(capture, tmp_path
         ({"rotat": 1}, "rotat"),
         ({"rotate": "x"}, "rotate: 'x'"),
         ({"prune": "much"}, "prune: 'much'"),
-        ({"sh_bits": (5,)}, "sh_bits: 5"),
+        ({"sh_bits": (5,)}, "sh_bits: (5,)"),
         ({"crop": (1, 2)}, "crop: (1, 2)"),
         ({"keep_all": "yes"}, "keep_all: 'yes'"),
         ({"views": (70,)}, "views: [70]"),

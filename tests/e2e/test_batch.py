@@ -142,7 +142,7 @@ def test_bad_batches_are_one_line(scenes: Path, tmp_path: Path) -> None:
         '{"scene": "a", "quality": 3}': ("quality",),
         '{"scene": "a", "name": "../x"}': ("name", "'../x'"),
         '{"scene": "a", "views": 3}': ("views", "3"),
-        '{"scene": "a", "qp": "4"}': ("line 1", "qp", "'4'"),
+        '{"scene": "a", "qp": "four"}': ("line 1", "qp", "'four'"),
         '{"scene": "a", "qp": 4, "target_size": "9KB"}': ("target_size", "qp"),
         '{"scene": "a", "report": 1}': ("report", "1"),
         "a\0b": ("1", "0"),
@@ -221,11 +221,11 @@ def test_an_entrys_options_replace_the_batchs_and_what_they_contradict() -> None
     entries = [{}, {"target_size": "9KB"}, {"like": "x.tsplat", "report": False}, {"qp": 0, "refine": ""}, {"auto": 3}]
     lines = [json.dumps({"scene": "s", "name": f"n{i}", **entry}) for i, entry in enumerate(entries)]
     jobs = read_manifest("\n".join(lines), "out", asked, "base")
-    codings = [job.request.coding for job in jobs]
+    codings = [job.request for job in jobs]
     assert [coding.qp for coding in codings] == [6, None, None, 0, 6]
     assert [coding.profile for coding in codings] == ["fast", "fast", None, "fast", "fast"]
     assert codings[1].target_size == 9000 and codings[2].like == "base/x.tsplat"
-    assert [job.request.refinement for job in jobs] == [*3 * [Refinement(steps=3)], None, Refinement(steps=3)]
+    assert [job.request.refine for job in jobs] == [*3 * [Refinement(steps=3)], None, Refinement(steps=3)]
     assert [job.keep.report for job in jobs] == [True, True, False, True, True]
     assert jobs[4].request.views == AutoViews(3) and {job.request.model for job in jobs} == {"sweep"}
 

@@ -105,27 +105,19 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
     listener = Listener(
         doubt=lambda scene, text: told.append("doubt"),
         working=lambda label: told.append("working") or warnings.catch_warnings(),  # any context
-        predicted=lambda gaussians: told.append(gaussians.opacities.shape),
         refined=lambda stats: told.append(stats.steps),
     )
-    coded = encode(EncodeRequest(scene, model="sweep"), RUNTIME, listener, keep=True)
+    coded = encode(EncodeRequest(scene, model="sweep", save_gaussians=tmp_path / "g.npz"), RUNTIME, listener, keep=True)
+    assert ts.load_gaussians(tmp_path / "g.npz").opacities.shape == (2, 32, 48)
     work = told.index("working")
     assert told[:work] == ["doubt"] * len(coded.doubts) and work > 0
-    assert (2, 32, 48) in told[work:-1] and told[-1] == "working" and coded.refinement is None
+    assert told[work:] == ["working", "working"] and coded.refinement is None
     told.clear()
-    coded = encode(EncodeRequest.of(scene, model="sweep", refine=1), RUNTIME, listener, keep=True)
-    assert told.index((2, 32, 48)) < told.index(1)
+    coded = encode(EncodeRequest(scene, model="sweep", refine=1), RUNTIME, listener, keep=True)
+    assert told.index("working") < told.index(1)
     assert coded.refinement and coded.refinement.steps == 1 and coded.stats.watch.seconds["refine"] > 0
     assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
-
-
-def test_gaussians_alone_have_no_photos_to_carry() -> None:
-    from tinysplat_runtime.recipe.request import Coding
-    from tinysplat_runtime.recipe.stages import code
-
-    with pytest.raises(ts.InputError):
-        code(make_smooth_gaussians(2, 8, 8, 0), Coding(mode="photos"), RUNTIME)
 
 
 def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> None:

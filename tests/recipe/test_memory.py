@@ -130,7 +130,7 @@ def test_captures_are_refined_unless_somebody_says_otherwise(asked, wanted, free
     free_memory(int(60e9))
     for count in (2, 40):
         lines: list[str] = []
-        found = chosen(EncodeRequest.of(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, lines.append)
+        found = chosen(EncodeRequest(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, lines.append)
         assert found == (wanted if asked or count > 6 else None)
         assert any("--no-refine" in line for line in lines) == (not asked and count > 6)
 
@@ -140,13 +140,13 @@ def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
     scene, lines = capture(40, 480, 640), list[str]()
-    request = EncodeRequest.of(scene)
+    request = EncodeRequest(scene)
     plain, refined = (needed(scene, free_memory, each=True, refined=refined) for refined in (False, True))
     free_memory(int((plain + refined) / 2 * 1e9))
     assert chosen(request, scene, WAY, lines.append) is None
     assert any(tells(line, "capture: 40 640x480 GB") for line in lines)
     with refusing(ts.InputError, "GB"):
-        chosen(EncodeRequest.of(scene, refine=True), scene, WAY, lines.append)
+        chosen(EncodeRequest(scene, refine=True), scene, WAY, lines.append)
     monkeypatch.setitem(sys.modules, "numba", None)
     assert chosen(request, scene, WAY, lines.append) is None and 'pip install "tinysplat[fast]"' in lines[-1]
     free_memory(int(plain / 2 * 1e9))

@@ -71,5 +71,5 @@ def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
     said: list[str] = []
     scene = ts.load_scene(write_traced(tmp_path, trace(7, 32, 32, spacing=0.25, subpixels=1)))
     listener = Listener(notice=said.append, doubt=lambda *_: None, counting=counting)
-    encode(EncodeRequest.of(scene, model="sweep", mode="photos"), Runtime(threads=1), listener)
+    encode(EncodeRequest(scene, model="sweep", mode="photos"), Runtime(threads=1), listener)
     assert len(set(seen)) > 1 and any(re.search(r"\d s", line) for line in said)

@@ -32,7 +32,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def chosen(scene: object, **options: object) -> tuple[list[str], list[str]]:
     """Names of the photos that are taken, and what was said."""
     said: list[str] = []
-    found = prepared(EncodeRequest.of(scene, **options), said.append)  # type: ignore[arg-type]
+    found = prepared(EncodeRequest(scene, **options), said.append)  # type: ignore[arg-type]
     assert found.near is not None and found.far is not None
     return [frame.path.name for frame in found.frames], said
 
@@ -132,7 +132,7 @@ def test_depths_are_found_about_what_photos_show(tmp_path: Path, count: int) -> 
     """However long the row is: what a margin adds is less than the depths span."""
     traced = trace(count, 96, 128, spacing=0.25, subpixels=1)
     low, high = np.percentile(traced.depth, (2, 95))
-    (found,) = {(s.near, s.far) for s in [prepared(EncodeRequest.of(write_traced(tmp_path, traced)), str)]}
+    (found,) = {(s.near, s.far) for s in [prepared(EncodeRequest(write_traced(tmp_path, traced)), str)]}
     assert low / 2 < found[0] < low and high < found[1] < 2.5 * high
 
 
@@ -159,13 +159,13 @@ def photos_of(count: int, height: int, width: int, **depths: float) -> Scene:
 def test_nothing_is_said_of_two_to_six_photos_as_they_are(taken: int) -> None:
     lines: list[str] = []
     scene = photos_of(taken, 480, 640, near=1.0, far=2.0)
-    assert prepared(EncodeRequest.of(scene), lines.append).frames == scene.frames and lines == []
+    assert prepared(EncodeRequest(scene), lines.append).frames == scene.frames and lines == []
 
 
 @pytest.mark.parametrize("size", [None, "full"])
 def test_large_photos_are_scaled_to_the_size_that_is_said_unless_asked_otherwise(size: str | None) -> None:
     lines: list[str] = []
-    found = prepared(EncodeRequest.of(photos_of(2, 1920, 1080, near=1.0, far=2.0), size=size), lines.append).cameras[0]
+    found = prepared(EncodeRequest(photos_of(2, 1920, 1080, near=1.0, far=2.0), size=size), lines.append).cameras[0]
     if size is not None:
         assert (found.height, found.width) == (1920, 1080) and not lines
         return
@@ -178,12 +178,12 @@ def test_one_photo_is_too_few(capture: Path) -> None:
     with pytest.raises(ts.InputError):
         chosen(capture, views=[3])
     with refusing(ts.InputError, "made:"):
-        prepared(EncodeRequest.of(photos_of(1, 8, 8, near=1.0, far=2.0)), str)
+        prepared(EncodeRequest(photos_of(1, 8, 8, near=1.0, far=2.0)), str)
 
 
 def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -> None:
     with refusing(ts.InputError, "made:"):
-        prepared(EncodeRequest.of(photos_of(2, 8, 8, near=1000.0, far=2000.0)), str)
+        prepared(EncodeRequest(photos_of(2, 8, 8, near=1000.0, far=2000.0)), str)
 
 
 @pytest.mark.parametrize(
@@ -204,14 +204,14 @@ def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -
 )
 def test_paths_and_options_that_do_not_go_together_are_told(scene, options, said: str) -> None:
     with pytest.raises(ts.InputError) as caught:
-        prepare.named_scene(EncodeRequest.of(scene, **options))
+        prepare.named_scene(EncodeRequest(scene, **options))
     assert tells(str(caught.value), said)
 
 
 def test_a_scene_at_hand_takes_the_depths_that_are_given() -> None:
     scene = photos_of(2, 8, 8, near=1.0, far=9.0)
     for options, depths in (({}, (1, 9)), ({"near": 2.0}, (2, 9)), ({"far": 5.0}, (1, 5))):
-        found = prepare.named_scene(EncodeRequest.of(scene, **options))
+        found = prepare.named_scene(EncodeRequest(scene, **options))
         assert (found.near, found.far) == depths
 
 
@@ -227,7 +227,7 @@ def test_a_scene_at_hand_takes_the_depths_that_are_given() -> None:
 def test_what_a_crop_cuts_off_is_said_with_sizes_that_keep_it(photo: tuple[int, int], size: str, lost: float) -> None:
     """Or refused, where that much goes that width and height may have been exchanged."""
     lines: list[str] = []
-    request = EncodeRequest.of(photos_of(2, *photo, near=1.0, far=2.0), size=size)
+    request = EncodeRequest(photos_of(2, *photo, near=1.0, far=2.0), size=size)
     try:
         prepared(request, lines.append)
     except ts.InputError as error:
@@ -241,5 +241,5 @@ def test_what_a_crop_cuts_off_is_said_with_sizes_that_keep_it(photo: tuple[int, 
     for whole in {*re.findall(r"\d+x\d+", line)} - {size, own}:
         width, height = map(int, whole.split("x"))
         assert width / height == pytest.approx(photo[1] / photo[0], rel=0.02)
-        prepared(EncodeRequest.of(photos_of(2, *photo, near=1.0, far=2.0), size=whole), lines.append)
+        prepared(EncodeRequest(photos_of(2, *photo, near=1.0, far=2.0), size=whole), lines.append)
     assert own in line and not lines

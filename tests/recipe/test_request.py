@@ -1,32 +1,37 @@
-"""What can be asked for: types, ranges and contradictions, and that each option is stated once."""
+"""What can be asked for: kinds, ranges and contradictions, and that each option is stated once for all doors."""
 
 from __future__ import annotations
 
+import inspect
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import tells
+from scenes import make_smooth_gaussians, tells
 
+import tinysplat_runtime as ts
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.recipe import words
-from tinysplat_runtime.recipe.request import ENCODE_OPTIONS, Coding, EncodeRequest
+from tinysplat_runtime.recipe import request, words
+from tinysplat_runtime.recipe.options import Options
+from tinysplat_runtime.recipe.request import CompressRequest, EncodeRequest, ExportRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement
+
+REQUESTS = {"encode": EncodeRequest, "compress": CompressRequest, "convert": ExportRequest}
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"qp": "4"}, "qp: "),
+        ({"qp": "four"}, "qp: "),
         ({"qp": True}, "qp: "),
         ({"qp": math.nan}, "qp: "),
-        ({"near": "2"}, "near: "),
+        ({"near": [2]}, "near: "),
+        ({"far": math.inf}, "far: "),
         ({"lossless": 1}, "lossless: "),
         ({"profile": 3}, "profile: "),
         ({"profile": "best"}, "profile: "),
-        ({"mode": None}, "mode: "),
         ({"mode": "film"}, "mode: "),
         ({"model": 4}, "model: "),
         ({"target_size": 2.5}, "target_size: "),
@@ -37,7 +42,7 @@ from tinysplat_runtime.recipe.words import AutoViews, Refinement
         ({"lossless": True, "profile": "fast"}, "profile: "),
         ({"like": 3}, "like: "),
         ({"views": 3}, "views: "),
-        ({"views": [0, "1"]}, "views: "),
+        ({"views": [0, "b"]}, "views: "),
         ({"views": "0,b"}, "views: "),
         ({"views": "auto:1"}, "views: "),
         ({"size": [0, 4]}, "size: "),
@@ -57,26 +62,88 @@ def test_what_cannot_be_used_is_named_with_what_can(options, said: str) -> None:
     assert tells(str(caught.value), said) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"translate": "abc"}, "translate: 'abc'"),
+        ({"sh_bits": "ab"}, "sh_bits: 'ab'"),
+        ({"sh_bits": (5,)}, "sh_bits: (5,)"),
+        ({"crop": (1, 2, 3, 4, 5, math.nan)}, "crop: "),
+        ({"rotate": "q,90"}, "rotate: 'q,90'"),
+        ({"rotate": (0, 0, 0, 0)}, "rotate: "),
+        ({"scale": 0}, "scale: 0"),
+        ({"cameras": 3}, "cameras: 3"),
+        ({"prune": True}, "prune: True"),
+        ({"fuse": False}, "fuse: False"),
+        ({"trim_border": 0}, "trim_border: 0"),
+        ({"spz_version": 5}, "spz_version: 5, 2, 3, 4"),
+        ({"gltf_spz": 1}, "gltf_spz: 1"),
+        ({"unit": "a\nb"}, "unit: "),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_exported_is_named_with_what_can(options, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        ExportRequest.of(**options)
+    assert tells(str(caught.value), said) and "\n" not in str(caught.value)
+
+
+def test_no_option_takes_what_is_nothing() -> None:
+    """Every field of every request is checked, whatever its kind."""
+    what = {EncodeRequest: ("desk",), CompressRequest: (make_smooth_gaussians(2, 4, 4, 0),), ExportRequest: ()}
+    for kind, given in what.items():
+        for name in kind.options():
+            with pytest.raises(InputError) as caught:
+                kind(*given, **{name: object()})
+            assert str(caught.value).startswith(f"{name}: an object, expected "), name
+
+
 def test_options_in_words_and_as_values_are_the_same_request() -> None:
-    words = EncodeRequest.of("d", views="0,4", size="48x32", target_size="1.5KB", refine="20")
-    assert words == EncodeRequest.of("d", views=np.array([0, 4]).tolist(), size=[32, 48], target_size=1500, refine=20)
-    assert EncodeRequest.of("d", views="auto", refine="2.5s", size="full") == EncodeRequest(
-        "d", views=AutoViews(), refinement=Refinement(seconds=2.5), size="full"
+    words = EncodeRequest("d", views="0,4", size="48x32", target_size="1.5KB", refine="20", near="0.5")
+    values = EncodeRequest("d", views=np.array([0, 4]), size=[32, 48], target_size=1500, refine=20, near=0.5)
+    assert words == values
+    assert EncodeRequest("d", views="auto", refine="2.5s", size="full") == EncodeRequest(
+        "d", views=AutoViews(), refine=Refinement(seconds=2.5), size="full"
     )
+    words = ExportRequest(sh_bits="8,7", crop="0,0,0,1,1,2", rotate="x,180", translate="1,2,3", dilate=True)
+    values = ExportRequest(
+        sh_bits=[8, 7], crop=np.array([0, 0, 0, 1, 1, 2]), rotate=("x", 180), translate=(1, 2, 3), dilate=0.16
+    )
+    assert words == values and np.allclose(words.rotate, (0, 1, 0, 0))
+
+
+def test_none_stands_for_the_default_of_any_option() -> None:
+    for kind, what in ((EncodeRequest, ("d",)), (ExportRequest, ())):
+        assert kind(*what, **dict.fromkeys(kind.options())) == kind(*what)
 
 
 def test_refinement_may_be_taken_back_in_words_and_as_a_value() -> None:
-    assert EncodeRequest.of("d", refine="no") == EncodeRequest.of("d", refine=False) != EncodeRequest.of("d")
-    assert EncodeRequest.of("d", refine=True) == EncodeRequest.of("d", refine="auto")
+    assert EncodeRequest("d", refine="no") == EncodeRequest("d", refine=False) != EncodeRequest("d")
+    assert EncodeRequest("d", refine=True) == EncodeRequest("d", refine="auto")
     assert not words.refinement("no") and words.refinement(str(words.refinement("no"))) == words.refinement("no")
 
 
 def test_numbers_of_numpy_and_paths_are_taken() -> None:
-    assert EncodeRequest.of("d", qp=np.float64(2)).coding == Coding(qp=np.int64(2))
-    assert EncodeRequest.of(Path("d"), poses=Path("p")).poses == Path("p")
+    assert EncodeRequest("d", qp=np.float64(2)) == EncodeRequest("d", qp=np.int64(2))
+    assert EncodeRequest(Path("d"), poses=Path("p")).poses == Path("p")
 
 
-def test_the_command_has_every_option_and_states_no_default_of_its_own() -> None:
+def test_every_command_has_every_option_and_states_no_default_of_its_own() -> None:
     _, commands = build_parser()
-    found = vars(commands.choices["encode"].parse_args(["SCENE", "-o", "a.tsplat"]))
-    assert {name: found[name] for name in ENCODE_OPTIONS if found[name]} == {}
+    for command, kind in REQUESTS.items():
+        found = vars(commands.choices[command].parse_args(["IN", "-o", "a.tsplat"]))
+        assert {name: found[name] for name in kind.options() if found[name]} == {}
+
+
+@pytest.mark.parametrize(
+    ("door", "kind", "keywords"),
+    [
+        (ts.encode, EncodeRequest, request.EncodeKeywords),
+        (ts.compress, CompressRequest, request.CompressKeywords),
+        (ts.convert, ExportRequest, request.ExportKeywords),
+    ],
+)
+def test_pythons_functions_declare_every_option_and_no_other(door, kind: type[Options], keywords: type) -> None:
+    """So that editors and type checkers know them."""
+    declared = keywords.__annotations__.keys() | (inspect.signature(door).parameters.keys() & kind.options().keys())
+    assert declared == kind.options().keys()

@@ -49,7 +49,7 @@ def evaluate(job: BatchJob, threads: int = 1) -> dict[str, Any]:
     with local_folder(job.scene) as folder, tempfile.TemporaryDirectory(prefix="tinysplat-") as results:
         sources, left_out = find_sources([folder], near=request.near, far=request.far)
         plan = RunPlan(sources, (request.model,), request.size or DEFAULT_SIZE)
-        coding = ProfileQp(request.coding.planes.name, request.coding.step_qp)
+        coding = ProfileQp(request.planes.name, request.step_qp)
         work, store = Quality((coding,), Path(results)), RowFile(Path(results, ROWS))
         outcome = run_jobs(plan, work, store, threads=threads, runtime=worker_runtime(threads))
     left_out = [*left_out, *outcome.left_out]

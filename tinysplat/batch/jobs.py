@@ -9,23 +9,22 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.formats.table import save_gaussians
-from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.providers import providers_of
+from tinysplat_runtime.recipe import words
 from tinysplat_runtime.recipe.encode import Listener
 from tinysplat_runtime.recipe.encode import encode as encode_photos
+from tinysplat_runtime.recipe.options import Options, option
 from tinysplat_runtime.recipe.report import encode_report
-from tinysplat_runtime.recipe.request import ENCODE_OPTIONS, RATE, EncodeRequest, rates_of
-from tinysplat_runtime.recipe.types import check_types
-from tinysplat_runtime.recipe.words import AutoViews
+from tinysplat_runtime.recipe.request import RATE, EncodeRequest, rates_of
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.files import is_plain_name
 
@@ -35,38 +34,26 @@ SUFFIXES = {"encode": ".tsplat", "evaluate": ".json"}
 """What can be done with a scene, and how the name of its output ends."""
 
 
-OPTIONS = {*ENCODE_OPTIONS, "auto", "provider", "report", "save_gaussians"} - {"focal", "baseline"}
-"""What a manifest's entry may say of its scene; `auto` is how many views to choose."""
-
 CODE = ("model", "provider")
 """Options that name what runs: a network's graph, a provider's library. A manifest's entry needs leave for them."""
-
-TAKEN_BACK = ("like", "poses", "refine")
-"""Options that an empty text takes back."""
 
 PLACES = ("like", "poses")
 """Options that are paths or URLs."""
 
 
-@dataclass(frozen=True)
-class Keep:
-    """What a batch has besides the request of a scene.
+@dataclass(frozen=True, kw_only=True)
+class Keep(Options):
+    """What a batch has besides the request of a scene."""
 
-    Attributes:
-        provider: onnxruntime's, or None.
-        report, save_gaussians: also write NAME.json, NAME.npz.
-    """
-
-    provider: str | None = None
-    report: bool = False
-    save_gaussians: bool = False
-
-    def __post_init__(self) -> None:
-        check_types(self)
+    provider: str | None = option(
+        words.text, metavar="NAME[:K=V,…]", help="of onnxruntime; `tinysplat doctor` lists them"
+    )
+    report: bool = option(words.flag, False, help="also write DIR/NAME.json, as encode does")
+    save_gaussians: bool = option(words.flag, False, help="also write DIR/NAME.npz of the network")
 
 
-_NAMED = {"scene", "coding", "refinement", "notes"}
-"""Fields of a request whose parts a fingerprint names otherwise."""
+OPTIONS = {*EncodeRequest.options(), *Keep.options(), "auto"} - {"focal", "baseline"}
+"""What a manifest's entry may say of its scene; `auto` is how many views to choose."""
 
 
 @dataclass(frozen=True)
@@ -95,32 +82,13 @@ class BatchJob:
     @property
     def fingerprint(self) -> str:
         """Changes with the task, the scene's place and every option that is not left at its default."""
-        text = json.dumps([self.task, self.scene, self._options()], sort_keys=True)
+        said = {**self.request.given(), **self.keep.given()}
+        usual = {"profile": DEFAULT_PROFILE, "qp": 0}
+        text = json.dumps(
+            [self.task, self.scene, {name: str(value) for name, value in said.items() if value != usual.get(name)}],
+            sort_keys=True,
+        )
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-    def _options(self) -> dict[str, Any]:
-        """By the names of a manifest: the first as they are, others where they say something, so that what was done
-        before there was an option is not done again."""
-        request, coding = self.request, self.request.coding
-        is_auto = isinstance(request.views, AutoViews)
-        always = {
-            "views": None if is_auto else request.views,
-            "auto": request.views.count if isinstance(request.views, AutoViews) else 0,
-            "size": request.size,
-            "near": request.near,
-            "far": request.far,
-            "model": request.model,
-            "profile": coding.planes.name,
-            "qp": coding.step_qp,
-        }
-        rest = {
-            one.name: value
-            for part in (coding, request)
-            for one in fields(part)
-            if one.name not in {*always, *_NAMED} and (value := getattr(part, one.name)) != one.default
-        }
-        named = {"refine": str(request.refinement or ""), **request.notes.given(), **asdict(self.keep)}
-        return {**always, **rest, **{name: value for name, value in named.items() if value}}
 
 
 def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
@@ -137,17 +105,15 @@ def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
     start = time.perf_counter()
     place, keep = job.output.removesuffix(SUFFIXES["encode"]), job.keep
 
-    def save(gaussians: Gaussians) -> None:
-        path = Path(folder, "g.npz")
-        save_gaussians(path, gaussians)
-        write(f"{place}.npz", path.read_bytes())
-
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tinysplat-"))
         request = _local(job.request, lambda one: stack.enter_context(local_folder(one)))
+        if keep.save_gaussians:
+            request = replace(request, save_gaussians=Path(folder, "g.npz"))
         runtime = worker_runtime(threads, keep.provider)
-        listener = Listener(doubt=_nobody, predicted=save if keep.save_gaussians else None)
-        coded = encode_photos(request, runtime, listener, keep=keep.report)
+        coded = encode_photos(request, runtime, Listener(doubt=_nobody), keep=keep.report)
+        if request.save_gaussians:
+            write(f"{place}.npz", Path(request.save_gaussians).read_bytes())
         if keep.report:
             report = encode_report(coded, runtime, model=request.model)
             write(f"{place}.json", json.dumps(report, indent=2).encode())
@@ -167,13 +133,10 @@ def _nobody(scene: Scene, text: str) -> None:
 
 def _local(request: EncodeRequest, local: Callable[[str], str]) -> EncodeRequest:
     """A request of paths and URLs as one of this machine's paths."""
-    like, poses = request.coding.like, request.poses
-    return replace(
-        request,
-        scene=local(str(request.scene)),
-        poses=local(str(poses)) if poses else None,
-        coding=replace(request.coding, like=local(str(like)) if like else None),
-    )
+    places: dict[str, Any] = {
+        name: local(str(place)) for name in PLACES if (place := getattr(request, name)) is not None
+    }
+    return replace(request, scene=local(str(request.scene)), **places)
 
 
 def is_done(job: BatchJob, record: dict[str, Any] | None) -> bool:
@@ -247,8 +210,8 @@ def _job(
     unknown = sorted(set(entry) - OPTIONS)
     if unknown:
         raise InputError(f"unknown {', '.join(unknown)[:80]}, expected options of `tinysplat batch`")
-    for option in (name for name in CODE if name in entry and name not in allowed):
-        raise InputError(f"loads code, so a manifest may only give it with --allow {option}", where=option)
+    for word in (name for name in CODE if name in entry and name not in allowed):
+        raise InputError(f"loads code, so a manifest may only give it with --allow {word}", where=word)
     return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder, task)
 
 
@@ -258,14 +221,12 @@ def _asked(
     """A job of an entry's options, each of which replaces the batch's, and those that it contradicts."""
     if entry.get("auto"):
         entry["views"] = f"auto:{entry['auto']}"
-    entry = {
-        name: None if name in TAKEN_BACK and value == "" else value for name, value in entry.items() if name != "auto"
-    }
+    entry = {name: None if value == "" else value for name, value in entry.items() if name != "auto"}
     rate = rates_of(entry)
     dropped = {*(RATE if rate else ()), *(("profile",) if {"lossless", "like"} & set(rate) else ())}
     values = {**{name: value for name, value in defaults.items() if name not in dropped}, **entry}
-    keep = {one.name: values.pop(one.name) for one in fields(Keep) if one.name in values}
-    return BatchJob(name, EncodeRequest.of(scene, **values), join(folder, name + SUFFIXES[task]), Keep(**keep), task)
+    keep = Keep(**{one: values.pop(one) for one in Keep.options() if one in values})
+    return BatchJob(name, EncodeRequest(scene, **values), join(folder, name + SUFFIXES[task]), keep, task)
 
 
 def _places(entry: Mapping[str, Any], base: str) -> dict[str, str]:

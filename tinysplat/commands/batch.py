@@ -13,13 +13,14 @@ from typing import Any
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import Work, run_processes, run_ray
 from tinysplat.batch.evaluation import evaluate
-from tinysplat.batch.jobs import CODE, OPTIONS, encode, read_manifest
+from tinysplat.batch.jobs import CODE, Keep, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat_runtime.cli.arguments import byte_count, count, positive
-from tinysplat_runtime.cli.given import given
-from tinysplat_runtime.cli.options import add_coding, add_notes, add_photos, add_provider, add_threads
+from tinysplat_runtime.cli.given import asked
+from tinysplat_runtime.cli.options import add_options, add_threads
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.recipe.request import VIDEO, EncodeRequest
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
@@ -52,16 +53,12 @@ def configure(parser: ArgumentParser) -> None:
     )
     machines.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
     machines.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
-    add_photos(parser)
-    add_coding(parser)
-    add_notes(parser)
-    add_provider(parser)
     add_threads(machines)
+    add_options(parser, EncodeRequest, without=(VIDEO,))
+    add_options(parser, Keep)
     parser.add_argument(
         "--allow", action="append", choices=CODE, default=[], help="that MANIFEST says what is loaded; twice: both"
     )
-    parser.add_argument("--report", action="store_true", help="also write DIR/NAME.json, as encode does")
-    parser.add_argument("--save-gaussians", action="store_true", help="also write DIR/NAME.npz of the network")
 
 
 def run(args: Namespace) -> int:
@@ -75,7 +72,7 @@ def run(args: Namespace) -> int:
     base = args.manifest.rpartition("/")[0] or "."
     try:
         task = "evaluate" if args.evaluate else "encode"
-        options = given(args, OPTIONS)
+        options = {**asked(args, EncodeRequest, "", without=(VIDEO,)).given(), **asked(args, Keep).given()}
         jobs = read_manifest(_manifest(args.manifest), args.output, options, base, task, args.allow)
     except InputError as error:
         raise error.within(args.manifest) from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
-from dataclasses import replace
 
 from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
@@ -14,7 +13,7 @@ from ..graphs.artifacts import load_manifest
 from ..graphs.providers import providers_of
 from ..system.stopwatch import Stopwatch
 from .files import read_file, write_json
-from .given import reading_of, writing_of
+from .given import writing_of
 from .outputs import STANDARD
 
 
@@ -22,13 +21,13 @@ def decode(args: Namespace) -> None:
     """A .tsplat file back to Gaussians."""
     if args.output == STANDARD:
         raise InputError("- alone would be the file itself; -.ply, -.npz and so on say the format", where="-o")
-    reading, watch = replace(reading_of(args), views=args.views), Stopwatch()
+    writing, watch = writing_of(args), Stopwatch()
     data = read_file(args.file)
-    writing_of(args).write([("", reading.decompress(args.file, data, watch))], watch)
+    writing.write([("", writing.reading.decompress(args.file, data, watch))], watch)
     if args.report:
         from ..recipe.report import file_report
 
-        described = inspect_bytes(data, is_prefix=reading.is_in_part)
+        described = inspect_bytes(data, is_prefix=writing.reading.is_in_part)
         write_json(args.report, file_report(described, watch))
 
 

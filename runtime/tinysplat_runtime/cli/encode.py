@@ -4,34 +4,33 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from dataclasses import replace
 from typing import Any
 
 from ..api import Runtime
-from ..codec.job import EncodeStats
-from ..codec.modes import DEFAULT_MODE
 from ..container.points import Points
-from ..errors import InputError, TinySplatError
-from ..formats.table import load_gaussians, save_gaussians
-from ..formats.viewpoints import seen_from
-from ..gaussian.gaussians import Gaussians
+from ..errors import TinySplatError
 from ..graphs.providers import providers_of
-from ..recipe import stages
-from ..recipe.encode import Encoded, Listener, raw_bytes
+from ..recipe.encode import Encoded, Listener
+from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos
+from ..recipe.request import CompressRequest, EncodeRequest
 from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
 from ..system.printable import printable
 from ..system.progress import Show, progress, working
 from ..system.stopwatch import Stopwatch
-from .files import Voice, grid_option, noted, write_file, write_json
-from .given import coding_of, notes_of, reading_of, request_of, voice_of
+from .files import Voice, write_file, write_json
+from .given import asked, reading_of, voice_of
 
 
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file."""
-    request, runtime = request_of(args), Runtime(threads=args.threads, providers=providers_of(args.provider))
-    listener = _listener(quiet=args.quiet, save_to=args.save_gaussians)
-    coded = encode_photos(request, runtime, listener, keep=bool(args.report))
+    request, runtime = (
+        asked(args, EncodeRequest, args.scene),
+        Runtime(threads=args.threads, providers=providers_of(args.provider)),
+    )
+    coded = encode_photos(request, runtime, _listener(quiet=args.quiet), keep=bool(args.report))
     _write(voice_of(args), coded, args.report, runtime, model=args.model)
     if not args.quiet:
         from ..recipe.own import looked_at, near_of, own_psnr
@@ -44,18 +43,14 @@ def encode(args: Namespace) -> None:
         _report_own(voice_of(args), coded, some.count // len(some.cameras) * photos, psnr)
 
 
-def _listener(*, quiet: bool, save_to: str | None) -> Listener:
-    """What the command says while it is at work, and writes of it."""
+def _listener(*, quiet: bool) -> Listener:
+    """What the command says while it is at work."""
 
     def notice(text: str) -> None:
         print(printable(text), file=sys.stderr)
 
     def doubt(scene: Scene, text: str) -> None:
         print(printable(f"{scene.path}: warning: {text}"), file=sys.stderr)
-
-    def save(gaussians: Gaussians) -> None:
-        for loss in save_gaussians(save_to, gaussians) if save_to else ():
-            print(f"{save_to}: {loss}", file=sys.stderr)
 
     def show(label: str) -> Show:
         return lambda items, total, note: progress(items, total, label, quiet=quiet, note=note)
@@ -67,46 +62,17 @@ def _listener(*, quiet: bool, save_to: str | None) -> Listener:
         return working(label, quiet=quiet)
 
     if quiet:
-        return Listener(working=at_work, predicted=save)
-    return Listener(notice, doubt, at_work, show("photos"), save, show("refine"), refined, show)
+        return Listener(working=at_work)
+    return Listener(notice, doubt, at_work, show("photos"), show("refine"), refined, show)
 
 
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
-    coding = coding_of(args)
-    if coding.mode != DEFAULT_MODE:
-        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="--mode")
-    if bool(args.refine) != bool(args.photos):
-        one, missing = ("--refine", "--photos SCENE") if args.refine else ("--photos", "--refine STEPS")
-        raise InputError(f"needs {missing} too", where=one)
-    grid = grid_option(args.grid)
-    cameras = None
-    if args.cameras:
-        from ..scene.intake.layouts import load_cameras  # every layout of folders there is
-
-        cameras = load_cameras(args.cameras)
-    gaussians = None if grid else reading_of(args).load(args.gaussians, Stopwatch())
-    if gaussians is None or (cameras and gaussians.count == sum(camera.width * camera.height for camera in cameras)):
-        gaussians = load_gaussians(args.gaussians, grid=grid, cameras=cameras)
-    elif cameras:
-        gaussians = seen_from(gaussians, cameras)
-    gaussians = noted(gaussians, notes_of(args))
-    runtime, stats, refinement = reading_of(args).runtime(), EncodeStats(), RefineStats()
-    listener = _listener(quiet=args.quiet, save_to=None)
+    reading = replace(reading_of(args), grid=args.grid)
+    runtime, gaussians = reading.runtime(), reading.load(args.gaussians, Stopwatch())
     try:
-        if args.refine:
-            from ..scene.intake.layouts import load_scene
-
-            scene = load_scene(args.photos)
-            with stats.watch.stage("refine"):
-                gaussians = stages.refine(
-                    gaussians, scene, args.refine, coding, runtime, stats=refinement, show=listener.refining
-                )
-            if listener.refined:
-                listener.refined(refinement)
-        with listener.working("coding"):
-            data = stages.code(gaussians, coding, runtime, stats=stats)
-        coded = Encoded(data, gaussians, raw_bytes(gaussians), stats, refinement if args.refine else None)
+        request = asked(args, CompressRequest, gaussians)
+        coded = compress_gaussians(request, runtime, _listener(quiet=args.quiet), keep=bool(args.report))
         _write(voice_of(args), coded, args.report, runtime, model=args.model)
     except TinySplatError as error:
         raise error.within(args.gaussians) from None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ class Reading:
         partial: decode what is intact, and say what is lost.
         model: the network for a file of photos; None to find it by its hash.
         views: read these views alone; None for all.
+        grid: (V, H, W) that a list is the pixels of; None for a list, or what the file says.
     """
 
     threads: int | None
@@ -43,6 +45,7 @@ class Reading:
     partial: bool
     model: str | None
     views: Sequence[int] | None = None
+    grid: tuple[int, int, int] | None = None
 
     @property
     def is_in_part(self) -> bool:
@@ -74,25 +77,25 @@ class Reading:
         for option, value in (("--max-bytes", self.max_bytes), ("--partial", self.partial or None)):
             if value is not None:
                 raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=option)
-        loaded = _other_format(file, data)
+        loaded = _other_format(file, data, self.grid)
         try:
             return loaded if self.views is None else select_views(loaded, self.views)
         except TinySplatError as error:
             raise error.within(file) from None
 
 
-def _other_format(file: str, data: bytes | None) -> Gaussians:
+def _other_format(file: str, data: bytes | None, grid: tuple[int, int, int] | None) -> Gaussians:
     """The Gaussians of a file that is no .tsplat one, or of its bytes from standard input."""
     from ..formats.table import load_gaussians  # every format there is, which a .tsplat file is none of
 
     if data is None:
-        return load_gaussians(file)
+        return load_gaussians(file, grid)
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / f"standard input{_suffix_of(data)}"
         copy.write_bytes(data)
-        return load_gaussians(copy)
+        return load_gaussians(copy, grid)
 
 
 def _suffix_of(data: bytes) -> str:
@@ -139,23 +142,6 @@ class Voice:
             print(text, file=sys.stderr if is_standard(self.output) else sys.stdout)
 
 
-def noted(gaussians: Gaussians, given: Mapping[str, str]) -> Gaussians:
-    """The Gaussians with notes by name, over what they said of themselves; errors name the option."""
-    try:
-        return gaussians.with_notes(replace(gaussians.notes, **given)) if given else gaussians
-    except InputError as error:
-        raise InputError(error.message, where=f"--{error.where}") from None
-
-
-def grid_option(values: Sequence[int] | None) -> tuple[int, int, int] | None:
-    """`--grid` as a shape."""
-    if values is None:
-        return None
-    if len(values) != 3 or min(values) < 1:
-        raise InputError(f"{','.join(map(str, values))}, expected V,H,W of 1 or more", where="--grid")
-    return values[0], values[1], values[2]
-
-
 @contextlib.contextmanager
 def named(options: Iterable[str]) -> Iterator[None]:
     """Fields of a request as the options that they came from."""
@@ -164,6 +150,6 @@ def named(options: Iterable[str]) -> Iterator[None]:
     except InputError as error:
         outer, _, name = (error.where or "").rpartition(": ")
         if name in options:
-            message, option = error.message.replace("given with ", "given with --", 1), f"--{name.replace('_', '-')}"
+            message, option = re.sub("^given with(out)? ", r"\g<0>--", error.message), f"--{name.replace('_', '-')}"
             raise InputError(message, where=f"{outer}: {option}" if outer else option) from None
         raise

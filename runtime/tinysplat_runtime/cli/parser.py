@@ -11,11 +11,9 @@ from collections.abc import Callable
 from typing import Any, NoReturn, TypeAlias
 
 from .. import __version__
-from ..codec.modes import CHOICES
 from ..errors import InputError
-from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
-from .arguments import amount, byte_count, count, indices, numbers, port, positive, size
-from .options import Options, add_coding, add_notes, add_photos, add_provider, add_refine, add_threads
+from .arguments import byte_count, count, grid, port, positive, size
+from .options import Container, add_options, add_provider, add_threads
 
 _GAUSSIAN_FILES = ".npz, .ply, … (docs/FORMATS.md)"
 
@@ -32,6 +30,10 @@ EXTRAS = {
     "completion": "completion",
 }
 """Commands that an extra brings, for the message when it is not installed."""
+
+
+OF_CONVERT = ("crop", "rotate", "scale", "translate", "cameras")
+"""Options that `decode` has not."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -59,57 +61,23 @@ class _Help(argparse.HelpFormatter):
         return f"{', '.join(action.option_strings)} {action.metavar}"
 
 
-def _quiet(options: Options) -> None:
+def _quiet(options: Container) -> None:
     options.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
 
 
-def _written(options: Options) -> None:
+def _written(options: Container) -> None:
     options.add_argument("--force", action="store_true", help="overwrite outputs that exist")
 
 
-def _limits(options: Options) -> None:
+def _limits(options: Container) -> None:
     options.add_argument("--max-pixels", type=count, metavar="N", help="refuse files of more Gaussians (67 M)")
     options.add_argument("--max-memory", type=byte_count, metavar="SIZE", help="refuse files that take more (8GiB)")
 
 
-def _prefix(options: Options) -> None:
+def _prefix(options: Container) -> None:
     options.add_argument("--max-bytes", type=count, metavar="N", help="decode the first N bytes (`info` lists some)")
     options.add_argument("--partial", action="store_true", help="decode what is intact, say what is lost")
     options.add_argument("--model", metavar="NAME|FILE.onnx", help="the network of a file of photos")
-
-
-def _selection(parser: _Parser) -> None:
-    which = parser.add_argument_group("which Gaussians")
-    which.add_argument("--views", type=indices, metavar="I,J-K", help="those of these views, such as 0,3,10-20")
-    which.add_argument("--trim-border", type=count, metavar="PX", help="without each view's outermost PX pixels")
-    which.add_argument("--min-opacity", type=float, metavar="A", help="those of this opacity or more")
-    which.add_argument("--sh-degree", type=int, metavar="N", help="SH cut to this degree")
-    which.add_argument(
-        "--prune", type=amount, metavar="SHARE|DB|N", help="drop 0.5, down to 45dB, or all but N (numba)"
-    )
-    which.add_argument("--keep-all", action="store_true", help="neither thin captures nor prune trained scenes")
-    which.add_argument(
-        "--fuse",
-        type=positive,
-        nargs="?",
-        const=FUSE_SECONDS,
-        metavar="SECONDS",
-        help=f"keep each surface once, corrected; default {FUSE_SECONDS:g} s",
-    )
-    which.add_argument(
-        "--dilate",
-        type=positive,
-        nargs="?",
-        const=OWN_VARIANCE,
-        metavar="VARIANCE",
-        help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
-    )
-    how = parser.add_argument_group("how files are written")
-    how.add_argument("--points", action="store_true", help="a plain point cloud (.ply) of means and colours")
-    how.add_argument("--sh-bits", type=indices, metavar="A,B", help=".spz: bits of SH of degree 1, above; 5,4")
-    how.add_argument("--spz-version", type=int, choices=(2, 3, 4), help="default 3; 4 keeps SH degree 4, wants zstd")
-    how.add_argument("--gltf-spz", action="store_true", help="glTF with SPZ inside, a draft that Cesium reads")
-    add_notes(how)
 
 
 def _reading(parser: _Parser) -> None:
@@ -139,6 +107,8 @@ def build_parser(only: str | None = None) -> tuple[_Parser, Commands]:
 
 
 def _encode(commands: Commands) -> None:
+    from ..recipe.request import VIDEO, EncodeRequest
+
     parser = commands.add_parser(
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
     )
@@ -146,23 +116,15 @@ def _encode(commands: Commands) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     _written(parser)
     _quiet(parser)
-    add_photos(parser)
-    add_coding(parser.add_argument_group("bytes and quality"))
-    more = parser.add_argument_group("video, stereo, depth, notes, running")
-    more.add_argument("--poses", metavar="POSES", help="of a video: .txt, transforms.json, a folder")
-    more.add_argument("--first-number", type=int, metavar="0|1", help="of frames that POSES names; default 0")
-    more.add_argument("--near", type=float, metavar="Z", help="nearest depth, not the scene's own")
-    more.add_argument("--far", type=float, metavar="Z", help="farthest depth, not the scene's own")
-    more.add_argument("--focal", type=float, metavar="PX", help="of a stereo pair, in pixels")
-    more.add_argument("--baseline", type=float, metavar="B", help="distance of its cameras")
-    more.add_argument("--save-gaussians", metavar="G.npz", help="also write the network's Gaussians")
+    more = add_options(parser, EncodeRequest)[VIDEO]
     more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
-    add_notes(more)
     add_provider(more)
     add_threads(more)
 
 
 def _compress(commands: Commands) -> None:
+    from ..recipe.request import CompressRequest
+
     parser = commands.add_parser(
         "compress",
         help="Gaussians of any network, or of a trained scene, to a .tsplat file",
@@ -172,21 +134,15 @@ def _compress(commands: Commands) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
     _written(parser)
     _quiet(parser)
-    parser.add_argument("--keep-all", action="store_true", help="all of a trained scene; default: pruned (numba)")
-    parser.add_argument("--cameras", metavar="SCENE", help="cameras of its photos: what pictures need")
-    parser.add_argument("--grid", type=indices, metavar="V,H,W", help="pixel grid of a list")
-    parser.add_argument("--photos", metavar="SCENE", help="photos by which --refine corrects the Gaussians")
-    parser.add_argument("--mode", choices=CHOICES, help=argparse.SUPPRESS)
-    coding = parser.add_argument_group("bytes and quality")
-    add_coding(coding)
-    add_refine(coding)
-    more = parser.add_argument_group("notes and a report")
-    add_notes(more)
-    more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    parser.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    parser.add_argument("--grid", type=grid, metavar="V,H,W", help="pixel grid of a list")
+    add_options(parser, CompressRequest)
     _reading(parser)
 
 
 def _decode(commands: Commands) -> None:
+    from ..recipe.request import ExportRequest
+
     parser = commands.add_parser(
         "decode", help="a .tsplat file back to Gaussians", usage="%(prog)s F.tsplat -o G [options]"
     )
@@ -195,7 +151,7 @@ def _decode(commands: Commands) -> None:
     _written(parser)
     _quiet(parser)
     parser.add_argument("--report", metavar="R.json", help="bytes, seconds and memory as JSON")
-    _selection(parser)
+    add_options(parser, ExportRequest, without=OF_CONVERT)
     _reading(parser)
 
 
@@ -226,6 +182,8 @@ def _render(commands: Commands) -> None:
 
 
 def _convert(commands: Commands) -> None:
+    from ..recipe.request import ExportRequest
+
     parser = commands.add_parser(
         "convert",
         help="Gaussian files to other formats, cut, moved or joined",
@@ -235,13 +193,8 @@ def _convert(commands: Commands) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=f"as IN: .tsplat, {_GAUSSIAN_FILES}")
     _written(parser)
     _quiet(parser)
-    parser.add_argument("--crop", type=numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners")
-    parser.add_argument("--rotate", metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion")
-    parser.add_argument("--scale", type=positive, default=1.0, metavar="S", help="then: enlarge the scene S times")
-    parser.add_argument("--translate", type=numbers(3), default=(0, 0, 0), metavar="X,Y,Z", help="then: move it")
     parser.add_argument("--check", action="store_true", help="print bytes and loss in dB of the file")
-    parser.add_argument("--cameras", metavar="SCENE", help="cameras of the photos, for --prune")
-    _selection(parser)
+    add_options(parser, ExportRequest)
     _reading(parser)
 
 

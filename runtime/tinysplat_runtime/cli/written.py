@@ -11,7 +11,8 @@ from pathlib import Path
 
 from ..container.layout import SUFFIX
 from ..gaussian.gaussians import Gaussians
-from ..recipe.export import ExportListener, ExportRequest, exported, write
+from ..recipe.export import ExportListener, exported, write
+from ..recipe.request import ExportRequest
 from ..system.progress import progress
 from ..system.stopwatch import Stopwatch
 from .files import Reading, Voice, named, write_file
@@ -45,7 +46,7 @@ class Writing:
             if not quiet:
                 print(text, file=sys.stderr)
 
-        with _file_of(self.say.output) as path, named((*vars(request), *request.notes)):
+        with _file_of(self.say.output) as path, named(request.options()):
             gaussians = exported(parts, path, request, runtime, ExportListener(notice, self.say, fusing))
             with watch.stage("write"):
                 losses = write(path, gaussians, request, runtime, self.source)

@@ -1,5 +1,8 @@
 """Gaussian files of other tools, a module a format."""
 
+SPZ_VERSIONS = (2, 3, 4)
+"""What can be written."""
+
 SPZ_VERSION = 3
 """What is written unless asked otherwise: the newest that readers without zstd open."""
 

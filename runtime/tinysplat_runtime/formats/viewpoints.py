@@ -8,12 +8,13 @@ room.cameras.json                                   of room.ply, room.splat and 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ..errors import InputError, warn
-from ..gaussian.gaussians import Gaussians
+from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera
 from ..system.files import StrPath, write_atomically
 
@@ -29,13 +30,29 @@ def seen_from(gaussians: Gaussians, cameras: Sequence[Camera] | StrPath) -> Gaus
     if gaussians.is_per_pixel:
         fault = "given, but the Gaussians are the pixels of cameras of their own; expected a list"
         raise InputError(fault, where="cameras")
-    if not isinstance(cameras, Sequence) or isinstance(cameras, str):
+    return replace(gaussians, viewpoints=_cameras(cameras))
+
+
+def pixels_of(gaussians: Gaussians, cameras: Sequence[Camera] | StrPath) -> Gaussians:
+    """As `seen_from`, but a list of as many Gaussians as the cameras have pixels becomes these pixels, in C order."""
+    views = _cameras(cameras)
+    grid = (len(views), views[0].height, views[0].width)
+    if gaussians.is_per_pixel or gaussians.count != math.prod(grid) or gaussians.extra_layers:
+        return seen_from(gaussians, views)
+    fields = {name: getattr(gaussians, name) for name in FIELDS}
+    lead = gaussians.opacities.ndim
+    on_grid = {name: array.reshape(*grid, *array.shape[lead:]) for name, array in fields.items()}
+    return replace(gaussians, **on_grid, cameras=views, viewpoints=())
+
+
+def _cameras(given: Sequence[Camera] | StrPath) -> tuple[Camera, ...]:
+    if not isinstance(given, Sequence) or isinstance(given, str):
         from ..scene.intake.layouts import load_cameras
 
-        cameras = load_cameras(cameras)
-    if not cameras or not all(isinstance(camera, Camera) for camera in cameras):
+        given = load_cameras(given)
+    if not given or not all(isinstance(camera, Camera) for camera in given):
         raise InputError("none, expected a list of cameras or the path of a scene", where="cameras")
-    return replace(gaussians, viewpoints=tuple(cameras))
+    return tuple(given)
 
 
 def cameras_beside(path: Path) -> tuple[Camera, ...]:

@@ -1,16 +1,16 @@
 """The task, photos to a file: what is asked for as values, and what comes of it. The command line, `batch` and the
 functions of `api` fill in the same request and hand it to the same function.
 
-    request.py     `EncodeRequest` and `Coding`: every option of `encode`, its type, range and default
-    types.py       types of what was given
-    words.py       values as people write them: `0,4`, `auto:3`, `384x256`, `100KB`, `10s`
+    request.py     every option of `encode`, `compress`, `decode` and `convert`: its kind, default and help
+    options.py     what an option is
+    words.py       kinds of options, in words and as values: `0,4`, `auto:3`, `384x256`, `100KB`, `10s`
     prepare.py     which photos, how large, between what depths
     memory.py      whether they fit
     refinement.py  whether they correct what comes of them, where nobody said
     plan.py        how long it will take, step by step
     doubts.py      what is likely wrong with them
     stages.py      network, refinement, coding: a step each
-    encode.py      all of it, in order
+    encode.py      all of it, in order, and the same of Gaussians that are at hand
     export.py      Gaussians on their way out: what `decode` and `convert` do
     own.py         how like its own photos the result looks
     report.py      what there is to say of it

@@ -1,4 +1,4 @@
-"""Photos to a file: the steps in order, the same whoever asks."""
+"""Photos to a file, and Gaussians to a file: the steps in order, the same whoever asks."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from dataclasses import dataclass, replace
 
 from ..codec.job import EncodeStats, PhotoScene
 from ..codec.modes import DEFAULT_MODE
+from ..formats.table import save_gaussians
+from ..formats.viewpoints import pixels_of
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..refine.stats import RefineStats
+from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system.progress import Show, plain
-from .request import Coding, EncodeRequest
-from .stages import Tools, Way, code, predict, refine
+from .request import Coding, CompressRequest, EncodeRequest
+from .stages import Tools, Way, code, code_photos, predict, refine
+from .words import Refinement
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,6 @@ class Listener:
         notice: gets a line for each thing that was found rather than given.
         doubt: gets the scene and a line for each thing that is likely wrong with it; None to look for none.
         working: gives what is entered while the named step is at work.
-        predicted: gets the network's Gaussians.
         predicting: passes on photos that are given to the network in groups.
         refining: passes on the steps of refinement.
         refined: gets what refinement did.
@@ -35,7 +38,6 @@ class Listener:
     doubt: Callable[[Scene, str], object] | None = None
     working: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
     predicting: Show = plain
-    predicted: Callable[[Gaussians], object] | None = None
     refining: Show | None = None
     refined: Callable[[RefineStats], object] | None = None
     counting: Callable[[str], Show] = lambda _: plain
@@ -101,13 +103,13 @@ def encode(
     from .prepare import prepared
     from .refinement import chosen
 
-    listener, stats, refined, coding = listener or Listener(), stats or EncodeStats(), RefineStats(), request.coding
-    coding = replace(coding, like=coding.example())
+    listener, stats, refined = listener or Listener(), stats or EncodeStats(), RefineStats()
+    request = replace(request, like=request.example())
     scene = prepared(request, listener.notice, listener.counting)
-    model, whole = request.model, coding.mode != DEFAULT_MODE
+    model, whole = request.model, request.mode != DEFAULT_MODE
     way = Way.of(scene, model, tools, whole=whole)
     refinement = chosen(request, scene, way, listener.notice)
-    plan = planned(scene, is_refined=bool(refinement), is_usual=request.coding == Coding())
+    plan = planned(scene, is_refined=bool(refinement), is_usual=request.is_usual and not whole)
     if is_worth_saying(plan, len(scene.frames)):
         listener.notice(f"{scene.path}: {plan}")
     doubted = []
@@ -117,19 +119,63 @@ def encode(
             listener.doubt(scene, text)
     with listener.working("network"):
         gaussians = predict(scene, model, tools, way, watch=stats.watch, show=listener.predicting)
-    gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes.given()))
-    if listener.predicted:
-        listener.predicted(gaussians)
+    gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
+    if request.save_gaussians is not None:
+        for loss in save_gaussians(request.save_gaussians, gaussians):
+            listener.notice(f"{request.save_gaussians}: {loss}")
     if refinement:
-        with stats.watch.stage("refine"):
-            gaussians = refine(gaussians, scene, refinement, coding, tools, stats=refined, show=listener.refining)
-        if listener.refined:
-            listener.refined(refined)
+        gaussians = _refined(gaussians, scene, refinement, request, tools, listener, stats, refined)
     with listener.working("coding"):
-        photos = PhotoScene.of(scene, model, tools.store) if whole else None
-        data = code(gaussians, coding, tools, photos=photos, stats=stats)
+        data = _coded(gaussians, request, scene, tools, stats)
     kept, done = gaussians if keep else None, refined if refinement else None
     return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(doubted))
+
+
+def compress(
+    request: CompressRequest,
+    tools: Tools,
+    listener: Listener | None = None,
+    *,
+    stats: EncodeStats | None = None,
+    keep: bool = False,
+) -> Encoded:
+    """Gaussians of any network, or of a trained scene, to a `.tsplat` file's bytes.
+
+    Args:
+        request: which Gaussians, and how.
+        tools, listener, stats, keep: see `encode`.
+
+    Raises:
+        FormatError, InputError, NumericError: see `Runtime.compress`.
+    """
+    listener, stats, refined = listener or Listener(), stats or EncodeStats(), RefineStats()
+    gaussians = request.gaussians
+    if request.cameras is not None:
+        gaussians = pixels_of(gaussians, request.cameras)
+    gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
+    if request.photos is not None:
+        scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
+        gaussians = _refined(gaussians, scene, request.refine, request, tools, listener, stats, refined)
+    with listener.working("coding"):
+        data = code(gaussians, request, tools, keep_all=request.keep_all, stats=stats)
+    return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, refined if request.refine else None)
+
+
+def _refined(
+    gaussians: Gaussians,
+    scene: Scene,
+    refinement: Refinement | None,
+    coding: Coding,
+    tools: Tools,
+    listener: Listener,
+    stats: EncodeStats,
+    refined: RefineStats,
+) -> Gaussians:
+    with stats.watch.stage("refine"):
+        gaussians = refine(gaussians, scene, refinement, coding, tools, stats=refined, show=listener.refining)
+    if listener.refined:
+        listener.refined(refined)
+    return gaussians
 
 
 def encode_predicted(
@@ -138,9 +184,15 @@ def encode_predicted(
     """The last step alone, of a scene that Gaussians were predicted of as it stands; see `encode`."""
     from .prepare import named_scene
 
-    scene, has_photos = named_scene(request), request.coding.mode != DEFAULT_MODE
-    photos = PhotoScene.of(scene, request.model, tools.store) if has_photos else None
-    return code(gaussians, request.coding, tools, photos=photos, stats=stats)
+    return _coded(gaussians, request, named_scene(request), tools, stats or EncodeStats())
+
+
+def _coded(gaussians: Gaussians, request: EncodeRequest, scene: Scene, tools: Tools, stats: EncodeStats) -> bytes:
+    """The file of what a network made of a scene, or where that is asked for, of its photos."""
+    if request.mode == DEFAULT_MODE:
+        return code(gaussians, request, tools, stats=stats)
+    photos = PhotoScene.of(scene, request.model, tools.store)
+    return code_photos(gaussians, request, photos, tools, stats=stats)
 
 
 def raw_bytes(gaussians: Gaussians) -> int:

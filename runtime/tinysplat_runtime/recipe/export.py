@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..container.exact import Exact
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.planes import Planes
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
-from ..formats import SH_BITS, SPZ_VERSION
 from ..formats.table import save_gaussians, save_points
 from ..formats.viewpoints import save_beside, seen_from
-from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
 from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, similarity, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.notes import OPTIONS
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import StrPath, read_limited, write_atomically
 from ..system.threads import Crew
-from .request import Coding
-from .types import check_types, shown
+from .request import Coding, ExportRequest
 
 if TYPE_CHECKING:
     from ..prune.amount import Amount
-    from ..scene.cameras import Camera
     from .stages import Tools
 
 KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
@@ -41,97 +34,6 @@ KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
 
 KEEPS_CAMERAS = (*KEEPS_VIEWS, ".glb", ".gltf")
 """Endings of files that have room for cameras of photos."""
-
-HOW = ("points", "sh_bits", "spz_version", "gltf_spz")
-"""Fields of a request that say how other files than `.tsplat` are written."""
-
-_AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-
-
-@dataclass(frozen=True)
-class ExportRequest:
-    """What `convert` and `decode` do with Gaussians, in this order; of what is left out, nothing is done.
-
-    Attributes:
-        views: only the Gaussians of these views.
-        dilate: own pixels² by which Gaussians are widened for other viewers; True for 0.16.
-        trim_border: without so many of the outermost pixels of each view.
-        fuse: for how many seconds the Gaussians of a capture are made one surface (needs numba); True for 120.
-        keep_all: lists also get the Gaussians of a capture that other views show, `.tsplat` files also those
-            of a list that pictures hardly need.
-        min_opacity: only Gaussians of this opacity or more.
-        sh_degree: SH cut to this degree.
-        crop: the box that is kept, x, y and z of two corners.
-        cameras: those of the photos that a list was made from, or what `load_cameras` reads.
-        rotate: a turn of the scene, `x,90` for an axis and degrees, or a quaternion `w,x,y,z`.
-        scale: by how much the scene is then enlarged.
-        translate: by how much it is then moved, x, y and z.
-        prune: leave out this share of the Gaussians (0.5), as many as a quality bears ("45dB"), or all but so many,
-            those that pictures need least first (needs numba).
-        notes: what the file says of itself, by name; an empty text takes back what the Gaussians said.
-        points: write a plain point cloud (.ply) of means and colours.
-        sh_bits: bits that .spz keeps of SH coefficients of degree 1 and above it.
-        spz_version: of .spz files: 2, 3 or 4.
-        gltf_spz: whether .glb and .gltf hold their Gaussians as SPZ.
-
-    Raises:
-        InputError: a value of another type or out of range.
-    """
-
-    views: Sequence[int] | None = None
-    dilate: float | None = None
-    trim_border: int | None = None
-    fuse: float | None = None
-    keep_all: bool = False
-    min_opacity: float | None = None
-    sh_degree: int | None = None
-    crop: Sequence[float] | None = None
-    cameras: Sequence[Camera] | StrPath | None = None
-    rotate: str | Sequence[float] | None = None
-    scale: float = 1.0
-    translate: Sequence[float] = (0.0, 0.0, 0.0)
-    prune: Amount | None = None
-    notes: dict[str, str] = field(default_factory=dict)
-    points: bool = False
-    sh_bits: Sequence[int] = SH_BITS
-    spz_version: int = SPZ_VERSION
-    gltf_spz: bool = False
-
-    def __post_init__(self) -> None:
-        check_types(self)
-        if len(self.sh_bits) != 2:
-            fault = f"{','.join(map(str, self.sh_bits))}, expected two numbers of 1 to 8"
-            raise InputError(fault, where="sh_bits")
-        if self.crop is not None and len(self.crop) != 6:
-            raise InputError(f"{shown(self.crop)}, expected 6 numbers", where="crop")
-        if self.rotate is not None:
-            rotation(self.rotate)
-
-    @classmethod
-    def of(cls, **options: Any) -> ExportRequest:
-        """A request of options by name, the notes among them, as `convert` has them.
-
-        Raises:
-            InputError: an option that there is not, and what the class refuses.
-        """
-        unknown = sorted(set(options) - names())
-        if unknown:
-            raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(names()))}")
-        usual = {"dilate": OWN_VARIANCE, "fuse": FUSE_SECONDS}
-        given: dict[str, Any] = {
-            name: usual[name] if value is True and name in usual else value for name, value in options.items()
-        }
-        if isinstance(given.get("prune"), str | int | float):
-            from ..prune.amount import Amount
-
-            given["prune"] = Amount.of(str(given["prune"]))
-        notes = {name: text for name in OPTIONS if (text := given.pop(name, None)) is not None}
-        return cls(notes=notes, **given)
-
-
-def names() -> set[str]:
-    """Of the options of an `ExportRequest`, the notes among them."""
-    return {one.name for one in fields(ExportRequest)} - {"notes"} | set(OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -182,7 +84,7 @@ def exported(
     if request.cameras is not None:
         gaussians = seen_from(gaussians, request.cameras)
     if request.rotate is not None or request.scale != 1 or any(request.translate):
-        turn = np.eye(3) if request.rotate is None else rotation(request.rotate)
+        turn = np.eye(3) if request.rotate is None else quats_to_matrices(normalize_quats(np.array(request.rotate)))
         gaussians = similarity(gaussians, turn, request.scale, request.translate)
     if request.notes:
         gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
@@ -211,8 +113,7 @@ def write(
     elif name.endswith(SUFFIX):
         write_atomically(path, _coded(gaussians, request, tools, source))
     else:
-        bits = (request.sh_bits[0], request.sh_bits[1])
-        losses = save_gaussians(path, gaussians, bits, request.spz_version, gltf_spz=request.gltf_spz)
+        losses = save_gaussians(path, gaussians, request.sh_bits, request.spz_version, gltf_spz=request.gltf_spz)
         if request.fuse is not None and gaussians.viewpoints and not name.endswith(KEEPS_CAMERAS):
             save_beside(Path(path), gaussians)
         return losses
@@ -222,24 +123,6 @@ def write(
 def is_drawn_whole(path: str) -> bool:
     """Whether those who read a file of this name know of no views, and draw all of its Gaussians."""
     return not path.lower().endswith(KEEPS_VIEWS)
-
-
-def rotation(words: str | Sequence[float]) -> NDArray:
-    """`x,90` (an axis and degrees) or `w,x,y,z` (a quaternion) as a matrix (3, 3) float64."""
-    parts = words.split(",") if isinstance(words, str) else list(words)
-    try:
-        if parts[0] in _AXES and len(parts) == 2:
-            half = math.radians(float(parts[1])) / 2
-            quat = np.array([math.cos(half), *(math.sin(half) * np.array(_AXES[str(parts[0])]))])
-        else:
-            quat = np.array([float(part) for part in parts])
-        usable = quat.shape == (4,) and np.isfinite(quat).all() and quat.any()
-    except (ValueError, IndexError, TypeError):
-        usable = False
-    if not usable:
-        expected = "expected AXIS,DEGREES such as x,90 or a quaternion w,x,y,z"
-        raise InputError(f"{shown(words)}, {expected}", where="rotate")
-    return quats_to_matrices(normalize_quats(quat))
 
 
 def _selected(
@@ -308,7 +191,7 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
 
     keep_all = request.keep_all or request.prune is not None or bool(gaussians.notes.thinned)
     if source is None:
-        return code(gaussians, Coding(keep_all=keep_all), tools)
+        return code(gaussians, Coding(), tools, keep_all=keep_all)
     data = read_limited(source, MAX_FILE_BYTES)
     container = read_container(data, tools.limits)
     if isinstance(container.body, Exact):
@@ -317,5 +200,6 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     # Where the scene grew, steps of depth did not grow along.
     keeps_pixels = request.views is None and request.scale == 1
     if not isinstance(container.body, Planes) or not gaussians.is_per_pixel or turns or not keeps_pixels:
-        return code(gaussians, Coding(container.profile, container.qp, keep_all=keep_all), tools)
+        coding = Coding(profile=container.profile, qp=container.qp)
+        return code(gaussians, coding, tools, keep_all=keep_all)
     return code(gaussians, Coding(like=data), tools)

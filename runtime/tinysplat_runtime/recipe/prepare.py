@@ -21,8 +21,7 @@ from ..scene.scenes import Scene
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
 from ..system.progress import Show, plain
 from .request import EncodeRequest
-from .types import shown
-from .words import ALL, AutoViews
+from .words import ALL, AutoViews, shown
 
 ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""

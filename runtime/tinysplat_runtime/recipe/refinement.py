@@ -30,8 +30,8 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, notice: Callable[[str
     Raises:
         InputError: photos that take more memory than is free, with what was asked for.
     """
-    asked, mode = request.refinement, request.coding.mode
-    is_usual = asked is None and len(scene.frames) > FEW and mode == DEFAULT_MODE and request.coding.like is None
+    asked, mode = request.refine, request.mode
+    is_usual = asked is None and len(scene.frames) > FEW and mode == DEFAULT_MODE and request.like is None
     if not is_usual:
         check_memory(scene, way.enlarger, mode=mode, refined=bool(asked), each=way.is_each)
         return asked or None

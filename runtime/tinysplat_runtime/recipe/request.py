@@ -1,29 +1,37 @@
-"""What can be asked for: every option of `encode` and `compress`, stated here and nowhere else.
+"""What can be asked for: every option of `encode`, `compress`, `decode` and `convert`, stated here and nowhere else.
 
-A value of one of these classes is right in itself: types, ranges, and that no two options contradict each other.
-`EncodeRequest.of` takes options by name, flat, as command lines and manifests have them, some in words (`words`).
+A value of one of these classes is right in itself: kinds, ranges, and that no two options contradict each other. Beside
+each class stand the keywords that Python's functions take, with what each may be given as.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from ..codec.modes import CHOICES, DEFAULT_MODE
-from ..codec.profiles import DEFAULT_PROFILE, Profile, find_profile
+from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
-from ..gaussian.notes import OPTIONS, Notes
+from ..formats import SH_BITS, SPZ_VERSION, SPZ_VERSIONS
+from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
+from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
 from ..system.files import StrPath, read_limited
 from . import words
-from .types import check_types, shown
+from .options import Options, option
 from .words import AutoViews, Refinement
 
 if TYPE_CHECKING:
+    from ..gaussian.gaussians import Gaussians
+    from ..prune.amount import Amount
+    from ..scene.cameras import Camera
     from ..scene.scenes import Scene
+
+BYTES, NOTES, VIDEO = "bytes and quality", "notes, kept in the file", "video, stereo, depth, running"
+WHICH, HOW = "which Gaussians", "how files are written"
+"""Groups of options."""
 
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
 """Options that say how fine planes are coded; one of them at most."""
@@ -34,61 +42,89 @@ def rates_of(options: Mapping[str, Any]) -> list[str]:
     return [name for name in RATE if options.get(name) is not None and options[name] is not False]
 
 
-@dataclass(frozen=True)
-class Coding:
-    """How Gaussians become bytes.
+class NoteKeywords(TypedDict, total=False):
+    """What a file says of itself."""
 
-    Attributes:
-        profile: one of `codec.profiles.PROFILES`; None for the default.
-        qp: Q_g; every quantiser step is multiplied by 2^(qp/6). None is 0, or what a target asks for.
-        target_size: bytes of the file in place of `qp`: the largest file found of at most as many.
-        target_psnr: dB of decoded against raw renders, the mean over the input views, or over four made up about
-            Gaussians of no pixels, in place of `qp`: the smallest file found that has as many.
-        lossless: float16 planes, bit for bit (`codec.exact` has the guarantee).
-        like: a file's bytes or its path, whose profile, Q_g, maps, steps and QPs are taken, and whose pictures stay
-            where nothing changed (`codec.recode`): a decoded scene coded again, edited or not, loses nothing else.
-        mode: what the file of photos carries: gaussians, photos or auto (`codec.modes` says what they are).
-        drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
-        keep_all: of a list, all that show at all, in place of those alone that are worth their bytes.
+    unit: str | None
+    attribution: str | None
+    licence: str | None
 
-    Raises:
-        InputError: a value of another type or out of range, or two that contradict each other.
-    """
 
-    profile: str | None = None
-    qp: float | None = None
-    target_size: int | None = None
-    target_psnr: float | None = None
-    lossless: bool = False
-    like: bytes | StrPath | None = None
-    mode: str = DEFAULT_MODE
-    drop_invalid: bool = False
-    keep_all: bool = False
+@dataclass(frozen=True, kw_only=True)
+class Noted(Options):
+    """What a file says of itself; an empty text takes back what the Gaussians said."""
+
+    unit: str | None = option(words.text, metavar="TEXT", group=NOTES, help="of lengths, such as metre")
+    attribution: str | None = option(words.text, metavar="TEXT", group=NOTES, help="author to name")
+    licence: str | None = option(words.text, metavar="TEXT", group=NOTES, help="such as CC-BY-4.0")
 
     def __post_init__(self) -> None:
-        check_types(self)
-        given = rates_of(vars(self))
-        if len(given) > 1:
-            raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
-        size, psnr = self.target_size, self.target_psnr
-        if size is not None and size < 1:
-            raise InputError(f"{size} bytes, expected 1 or more", where="target_size")
-        if psnr is not None and not 0 < psnr < 120:
-            raise InputError(f"{psnr:g} dB, expected more than 0 and less than 120", where="target_psnr")
-        if self.mode not in CHOICES:
-            raise InputError(f"'{self.mode}', accepted are {', '.join(CHOICES)}", where="mode")
-        if given and given != ["qp"]:
-            if self.mode != DEFAULT_MODE:
-                only = "with a target, lossless or like, which only gaussians can be given"
-                raise InputError(f"'{self.mode}' {only}", where="mode")
-            if self.profile is not None and given[0] in ("lossless", "like"):
-                fault = f"given with {given[0]}, which leaves it no say; expected one of them"
-                raise InputError(fault, where="profile")
-        find_profile(self.profile or DEFAULT_PROFILE)
+        super().__post_init__()
+        Notes(**self.notes)
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Those that are given."""
+        return {name: text for name in Noted.options() if (text := getattr(self, name)) is not None}
+
+
+class CodingKeywords(TypedDict, total=False):
+    """Of `compress` and `encode`, beside profile and qp."""
+
+    target_size: int | str | None
+    target_psnr: float | None
+    lossless: bool
+    like: bytes | StrPath | None
+    drop_invalid: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coding(Options):
+    """How Gaussians become bytes."""
+
+    profile: str | None = option(
+        words.text,
+        metavar="P",
+        group=BYTES,
+        choices=tuple(PROFILES),
+        help=f"{', '.join(PROFILES)}; default {DEFAULT_PROFILE}",
+    )
+    qp: float | None = option(words.number, metavar="Q", group=BYTES, help="steps coarser by 2^(Q/6); default 0")
+    target_size: int | None = option(
+        words.byte_count, metavar="SIZE", group=BYTES, help="at most 100KB, 1.5MB or so many bytes"
+    )
+    """The largest file found of at most as many bytes."""
+    target_psnr: float | None = option(
+        words.decibels, metavar="DB", group=BYTES, help="this many dB of decoded against raw pictures"
+    )
+    """The smallest file found that has as many, as the mean over the input views, or of a list over four made up."""
+    lossless: bool = option(words.flag, False, group=BYTES, help="float16 planes, bit for bit")
+    """`codec.exact` has the guarantee."""
+    like: bytes | StrPath | None = option(
+        words.file, metavar="F.tsplat", group=BYTES, help="steps and unchanged pictures of this file"
+    )
+    """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`codec.recode`): a
+    decoded scene coded again, edited or not, loses nothing else."""
+    drop_invalid: bool = option(words.flag, False, group=BYTES, help="hide Gaussians at or behind their camera")
+    """Else they are refused."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.qp is not None:
             from ..codec.job import check_qp  # and with it numpy, which a default needs no more than a word does
 
             check_qp(self.qp)
+        given = self.rates
+        if len(given) > 1:
+            raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
+        if self.profile is not None and set(given) & {"lossless", "like"}:
+            fault = f"given with {given[0]}, which leaves it no say; expected one of them"
+            raise InputError(fault, where="profile")
+
+    @property
+    def rates(self) -> list[str]:
+        """The options of `RATE` that are given."""
+        return rates_of(vars(self))
 
     @property
     def planes(self) -> Profile:
@@ -100,129 +136,232 @@ class Coding:
         """Q_g, chosen or not."""
         return float(self.qp or 0)
 
+    @property
+    def is_usual(self) -> bool:
+        """Whether nothing is asked for that changes a file's bytes."""
+        return not any(getattr(self, name) for name in Coding.options())
+
     def example(self) -> bytes | None:
         """The bytes of `like`; InputError where it is a path that cannot be read."""
-        return (
-            self.like if self.like is None or isinstance(self.like, bytes) else read_limited(self.like, MAX_FILE_BYTES)
-        )
+        if self.like is None or isinstance(self.like, bytes):
+            return self.like
+        return read_limited(self.like, MAX_FILE_BYTES)
 
 
-COMPRESS_OPTIONS = tuple(one.name for one in fields(Coding) if one.name != "mode")
-"""Options of `compress` by name: what codes Gaussians, which come with no photos that a mode could carry."""
+class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
+    """Of `encode`, beside the model, profile and qp."""
+
+    views: Sequence[int] | AutoViews | str | None
+    size: tuple[int, int] | str | None
+    near: float | None
+    far: float | None
+    refine: Refinement | int | str | None
+    mode: str
+    poses: StrPath | None
+    first_number: int
+    focal: float | None
+    baseline: float | None
+    save_gaussians: StrPath | None
 
 
-def coding_of(**options: Any) -> Coding:
-    """How `compress` is to code, of its options by name, some in words; errors as those of `Coding`."""
-    return Coding(**_read(COMPRESS_OPTIONS, options))
-
-
-@dataclass(frozen=True)
-class EncodeRequest:
+@dataclass(frozen=True, kw_only=True)
+class EncodeRequest(Noted, Coding):
     """Photos to be made into a file, and how.
 
     Attributes:
         scene: a `Scene`; what `load_scene` takes; the two photos of a stereo pair; or a video.
-        views: indices of photos, how many to choose, `all`, or None for all of up to six, else those that are needed.
-        size: (height, width) to scale photos to, `full`, or None for at most about 640×480.
-        near: smallest depth of interest in scene units, over the scene's own; None for that, or what photos show.
-        far: the same of the largest.
-        model: a network's name in the manifest, or the path of an .onnx file.
-        focal: focal length of a stereo pair, in pixels.
-        baseline: distance of its cameras.
-        poses: of a video's frames: a RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model.
-        first_number: what `poses` count from in names such as frame_00012.png: 0 or 1.
-        coding: how the network's Gaussians become bytes.
-        refinement: for how long they are corrected before; None as `refinement.chosen` has it, of 0 steps not at all.
-        notes: what the file says of itself.
 
     Raises:
-        InputError: a value of another type or out of range, or two that contradict each other.
+        InputError: a value of another kind or out of range, or two that contradict each other.
     """
 
-    scene: Scene | StrPath | Sequence[StrPath]
-    views: tuple[int, ...] | AutoViews | str | None = None
-    size: tuple[int, int] | str | None = None
-    near: float | None = None
-    far: float | None = None
-    model: str = DEFAULT_MODEL
-    focal: float | None = None
-    baseline: float | None = None
-    poses: StrPath | None = None
-    first_number: int = 0
-    coding: Coding = field(default_factory=Coding)
-    refinement: Refinement | None = None
-    notes: Notes = field(default_factory=Notes)
+    scene: Scene | StrPath | Sequence[StrPath] = field(kw_only=False)
+    views: tuple[int, ...] | AutoViews | str | None = option(
+        words.views, metavar="I,J-K|auto[:N]|all", help="photos; all of 6, else auto"
+    )
+    size: tuple[int, int] | str | None = option(
+        words.size_or_full, metavar="WxH|full", help="of photos; default at most about 640x480"
+    )
+    """(height, width) in Python."""
+    model: str = option(
+        words.text, DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
+    )
+    refine: Refinement | None = option(
+        words.refinement,
+        metavar="STEPS|10s",
+        usual=words.AUTO,
+        off=words.NO,
+        help="correct Gaussians until they show their photos",
+        off_help="as the network made them; captures are refined",
+    )
+    """None as `recipe.refinement.chosen` has it."""
+    mode: str = option(
+        words.text, DEFAULT_MODE, metavar="MODE", choices=CHOICES, help=f"the file has: {', '.join(CHOICES)}"
+    )
+    """`codec.modes` says what they are."""
+    poses: StrPath | None = option(
+        words.path, metavar="POSES", group=VIDEO, help="of a video: .txt, transforms.json, a folder"
+    )
+    """A RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model."""
+    first_number: int = option(
+        words.whole, 0, metavar="0|1", group=VIDEO, choices=(0, 1), help="of frames that POSES names; default 0"
+    )
+    """What `poses` count from in names such as frame_00012.png."""
+    near: float | None = option(words.number, metavar="Z", group=VIDEO, help="nearest depth, not the scene's own")
+    """Scene units; None for the scene's own, or what photos show."""
+    far: float | None = option(words.number, metavar="Z", group=VIDEO, help="farthest depth, not the scene's own")
+    focal: float | None = option(words.number, metavar="PX", group=VIDEO, help="of a stereo pair, in pixels")
+    baseline: float | None = option(words.number, metavar="B", group=VIDEO, help="distance of its cameras")
+    save_gaussians: StrPath | None = option(
+        words.path, metavar="G.npz", group=VIDEO, help="also write the network's Gaussians"
+    )
 
     def __post_init__(self) -> None:
-        check_types(self)
-        if not isinstance(self.views, AutoViews) and self.views not in (None, words.ALL):
-            object.__setattr__(self, "views", _whole_numbers("views", self.views))
-        if self.size is not None and self.size != "full":
-            size = _whole_numbers("size", self.size)
-            if len(size) != 2 or min(size) < 1:
-                raise InputError(f"{shown(size)}, expected a height and a width of 1 or more", where="size")
-            object.__setattr__(self, "size", size)
-        if self.first_number not in (0, 1):
-            raise InputError(f"{self.first_number}, expected 0 or 1", where="first_number")
-        if self.refinement and self.coding.mode in ("photos", "auto"):
-            only = f"with --mode {self.coding.mode}, whose files carry no Gaussians that were refined"
+        super().__post_init__()
+        target = [name for name in self.rates if name != "qp"]
+        if target and self.mode != DEFAULT_MODE:
+            only = "with a target, lossless or like, which only gaussians can be given"
+            raise InputError(f"'{self.mode}' {only}", where="mode")
+        if self.refine and self.mode != DEFAULT_MODE:
+            only = f"with --mode {self.mode}, whose files carry no Gaussians that were refined"
             raise InputError(only, where="refine")
 
-    @classmethod
-    def of(cls, scene: Scene | StrPath | Sequence[StrPath], **options: Any) -> EncodeRequest:
-        """A request of `ENCODE_OPTIONS` by name, some in words; those that are left out keep their defaults.
 
-        Raises:
-            InputError: an option that there is not, and what the classes refuse.
-        """
-        given = _read(ENCODE_OPTIONS, options)
-        refine = given.pop("refine", None)
-        if isinstance(refine, bool):
-            refine = Refinement(steps=None if refine else 0)
-        elif isinstance(refine, Integral):
-            refine = Refinement(steps=int(refine))
-        if refine is not None and not isinstance(refine, Refinement):
-            accepted = "steps such as 20, seconds such as 10s, auto or no"
-            raise InputError(f"{shown(refine)}, expected {accepted}", where="refine")
-        notes = Notes(**{name: text for name in OPTIONS if (text := given.pop(name, None)) is not None})
-        coding = Coding(**{one.name: given.pop(one.name) for one in fields(Coding) if one.name in given})
-        return cls(scene, coding=coding, refinement=refine, notes=notes, **given)
+class CompressKeywords(CodingKeywords, NoteKeywords, total=False):
+    """Of `compress`, beside profile and qp."""
+
+    keep_all: bool
+    cameras: Sequence[Camera] | StrPath | None
+    photos: Scene | StrPath | None
+    refine: Refinement | int | str | None
 
 
-_PARTS = {"scene", "coding", "refinement", "notes"}
+@dataclass(frozen=True, kw_only=True)
+class CompressRequest(Noted, Coding):
+    """Gaussians of any network, or of a trained scene, to be made into a file, and how.
 
-ENCODE_OPTIONS = (
-    *(one.name for one in fields(EncodeRequest) if one.name not in _PARTS),
-    *(one.name for one in fields(Coding) if one.name != "keep_all"),
-    "refine",
-    *OPTIONS,
-)
-"""Options of `encode` by name: the fields of `EncodeRequest`, `Coding` and `Notes`. Pixels of photos are all kept."""
+    Attributes:
+        gaussians: per pixel, with cameras, or a list.
+
+    Raises:
+        InputError: a value of another kind or out of range, or two that contradict each other.
+    """
+
+    gaussians: Gaussians = field(kw_only=False)
+    keep_all: bool = option(words.flag, False, help="all of a trained scene; default: pruned (numba)")
+    cameras: Sequence[Camera] | StrPath | None = option(
+        words.cameras, metavar="SCENE", help="cameras of its photos: what pictures need"
+    )
+    """Of a list, in place of its viewpoints; where it has as many Gaussians as they have pixels, these."""
+    photos: Scene | StrPath | None = option(
+        words.scene, metavar="SCENE", help="photos by which --refine corrects the Gaussians"
+    )
+    refine: Refinement | None = option(
+        words.refinement,
+        metavar="STEPS|10s",
+        group=BYTES,
+        usual=words.AUTO,
+        help="correct Gaussians until they show their photos",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if bool(self.refine) != (self.photos is not None):
+            one, missing = ("refine", "photos") if self.refine else ("photos", "refine")
+            raise InputError(f"given without {missing}, expected both or neither", where=one)
 
 
-def _whole_numbers(name: str, values: Any) -> tuple[int, ...]:
-    """A list's whole numbers; InputError names the option."""
-    is_list = isinstance(values, Sequence) and not isinstance(values, str | bytes)
-    if not is_list or not all(isinstance(v, Integral) and not isinstance(v, bool) for v in values):
-        raise InputError(f"{shown(values)}, expected a list of whole numbers", where=name)
-    return tuple(int(value) for value in values)
+class ExportKeywords(NoteKeywords, total=False):
+    """Of `convert`."""
+
+    views: Sequence[int] | str | None
+    trim_border: int | None
+    min_opacity: float | None
+    sh_degree: int | None
+    prune: float | str | None
+    keep_all: bool
+    fuse: float | None
+    dilate: float | None
+    points: bool
+    sh_bits: Sequence[int] | str
+    spz_version: int
+    gltf_spz: bool
+    crop: Sequence[float] | str | None
+    rotate: Sequence[float] | str | None
+    scale: float
+    translate: Sequence[float] | str
+    cameras: Sequence[Camera] | StrPath | None
 
 
-def _read(accepted: Sequence[str], options: dict[str, Any]) -> dict[str, Any]:
-    """Options by name with their words read; InputError for one that there is not."""
-    unknown = sorted(set(options) - set(accepted))
-    if unknown:
-        raise InputError(f"unknown {', '.join(unknown)[:80]}, accepted are {', '.join(sorted(accepted))}")
-    in_words = {
-        "views": words.views,
-        "size": words.size_or_full,
-        "target_size": words.byte_count,
-        "refine": words.refinement,
-    }
-    for name in in_words.keys() & options.keys():
-        if isinstance(options[name], str):
-            try:
-                options[name] = in_words[name](options[name])
-            except InputError as error:
-                raise error.within(name) from None
-    return options
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest(Noted):
+    """What `convert` and `decode` do with Gaussians; of what is left out, nothing is done.
+
+    Raises:
+        InputError: a value of another kind or out of range.
+    """
+
+    views: tuple[int, ...] | None = option(
+        words.indices, metavar="I,J-K", group=WHICH, help="those of these views, such as 0,3,10-20"
+    )
+    trim_border: int | None = option(
+        words.count, metavar="PX", group=WHICH, help="without each view's outermost PX pixels"
+    )
+    min_opacity: float | None = option(words.number, metavar="A", group=WHICH, help="those of this opacity or more")
+    sh_degree: int | None = option(words.whole, metavar="N", group=WHICH, help="SH cut to this degree")
+    prune: Amount | None = option(
+        words.amount, metavar="SHARE|DB|N", group=WHICH, help="drop 0.5, down to 45dB, or all but N (numba)"
+    )
+    """Those that pictures need least go first."""
+    keep_all: bool = option(words.flag, False, group=WHICH, help="neither thin captures nor prune trained scenes")
+    """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
+    pictures hardly need."""
+    fuse: float | None = option(
+        words.positive,
+        metavar="SECONDS",
+        group=WHICH,
+        usual=FUSE_SECONDS,
+        help=f"keep each surface once, corrected; default {FUSE_SECONDS:g} s",
+    )
+    dilate: float | None = option(
+        words.positive,
+        metavar="VARIANCE",
+        group=WHICH,
+        usual=OWN_VARIANCE,
+        help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
+    )
+    """Own pixels² by which Gaussians are widened."""
+    points: bool = option(words.flag, False, group=HOW, help="a plain point cloud (.ply) of means and colours")
+    sh_bits: tuple[int, int] = option(
+        words.bits, SH_BITS, metavar="A,B", group=HOW, help=".spz: bits of SH of degree 1, above; 5,4"
+    )
+    spz_version: int = option(
+        words.whole,
+        SPZ_VERSION,
+        metavar="N",
+        group=HOW,
+        choices=SPZ_VERSIONS,
+        help="default 3; 4 keeps SH degree 4, wants zstd",
+    )
+    gltf_spz: bool = option(words.flag, False, group=HOW, help="glTF with SPZ inside, a draft that Cesium reads")
+    crop: tuple[float, ...] | None = option(
+        words.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
+    )
+    rotate: tuple[float, float, float, float] | None = option(
+        words.turn, metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion"
+    )
+    scale: float = option(words.positive, 1.0, metavar="S", help="then: enlarge the scene S times")
+    translate: tuple[float, ...] = option(words.numbers(3), (0.0, 0.0, 0.0), metavar="X,Y,Z", help="then: move it")
+    cameras: Sequence[Camera] | StrPath | None = option(
+        words.cameras, metavar="SCENE", help="cameras of the photos, for --prune"
+    )
+    """Those of the photos that a list was made from, or what `load_cameras` reads."""
+
+
+class SaveKeywords(ExportKeywords, CodingKeywords, total=False):
+    """Of `save_gaussians`: of a `.tsplat` file those that code, too."""
+
+    profile: str | None
+    qp: float | None
+    photos: Scene | StrPath | None
+    refine: Refinement | int | str | None

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..codec.decoder import decode_gaussians
 from ..codec.job import EncodeStats, Job, PhotoScene
-from ..codec.modes import AUTO, DEFAULT_MODE
+from ..codec.modes import AUTO
 from ..codec.modes.choice import choose
 from ..codec.modes.registry import MODES
 from ..codec.recode import encode_like
@@ -40,7 +40,7 @@ from ..system.decibels import decibels
 from ..system.progress import Show, plain
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
-from .request import Coding
+from .request import Coding, EncodeRequest
 from .words import Refinement
 
 if TYPE_CHECKING:
@@ -141,12 +141,7 @@ def refine(
 
 
 def code(
-    gaussians: Gaussians,
-    coding: Coding,
-    tools: Tools,
-    *,
-    photos: PhotoScene | None = None,
-    stats: EncodeStats | None = None,
+    gaussians: Gaussians, coding: Coding, tools: Tools, *, keep_all: bool = False, stats: EncodeStats | None = None
 ) -> bytes:
     """Gaussians as a `.tsplat` file's bytes.
 
@@ -154,32 +149,13 @@ def code(
         gaussians: see `Runtime.compress`.
         coding: how.
         tools: to do it with.
-        photos: what a network made them of; files of other modes than gaussians carry them.
-        stats: filled with what was measured, the mode, and why `auto` came to it.
+        keep_all: of a list, all that show at all, in place of those alone that are worth their bytes.
+        stats: filled with what was measured.
 
     Raises:
-        InputError: as `Runtime.compress`, and a mode that needs photos where there are none.
-        FormatError, NumericError: as `Runtime.compress`.
+        FormatError, InputError, NumericError: as `Runtime.compress`.
     """
-    stats = stats or EncodeStats()
-    if coding.mode == DEFAULT_MODE:
-        return _planes(gaussians, coding, tools, stats)
-    if photos is None:
-        raise InputError(f"'{coding.mode}' needs photos, and Gaussians come with none; use encode", where="mode")
-    seconds = stats.watch.seconds.get("network", 0.0)
-    job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, photos=photos)
-    mode = MODES[Photos.mode if coding.mode == AUTO else coding.mode]
-    data, stats.mode = mode.encode(job), mode.name
-    if coding.mode != AUTO:
-        return data
-    planes = _planes(gaussians, coding, tools, stats)
-    stats.mode, stats.reason = choose(planes, data, photos.network, seconds)
-    return data if stats.mode == mode.name else planes
-
-
-def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeStats) -> bytes:
-    """The file of mode gaussians, or in its place lossless where asked for, or free where there are no pixels."""
-    like = coding.example()
+    stats, like = stats or EncodeStats(), coding.example()
     if like is not None:
         return encode_like(
             gaussians,
@@ -193,8 +169,8 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
     job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
     body = Exact if coding.lossless else Planes if gaussians.is_per_pixel else Points
     mode = MODES[body.mode]
-    stats.mode = stats.mode if mode.name == DEFAULT_MODE else mode.name
-    thins = body is Points and not coding.keep_all
+    stats.mode = mode.name
+    thins = body is Points and not keep_all
     if mode.coder is None or not (thins or coding.target_size or coding.target_psnr is not None):
         return mode.encode(job)
     coder = _thinning(job) if thins else mode.coder(job)
@@ -203,6 +179,29 @@ def _planes(gaussians: Gaussians, coding: Coding, tools: Tools, stats: EncodeSta
     if coding.target_psnr is not None:
         return code_to_psnr(coder, coding.target_psnr, _fidelity(gaussians, tools))
     return coder.code(job.qp)
+
+
+def code_photos(
+    gaussians: Gaussians, request: EncodeRequest, photos: PhotoScene, tools: Tools, *, stats: EncodeStats
+) -> bytes:
+    """A file of the mode that is asked for, which carries photos; or where `auto` has better, Gaussians.
+
+    Args:
+        gaussians: what the network made of the photos.
+        request: how.
+        photos: what a network was given.
+        tools: to do it with.
+        stats: filled with what was measured, the mode, and why `auto` came to it.
+    """
+    seconds = stats.watch.seconds.get("network", 0.0)
+    job = Job(gaussians, request.planes, request.step_qp, tools.store, tools.threads, stats, photos=photos)
+    mode = MODES[Photos.mode if request.mode == AUTO else request.mode]
+    data, stats.mode = mode.encode(job), mode.name
+    if request.mode != AUTO:
+        return data
+    planes = code(gaussians, request, tools, stats=stats)
+    stats.mode, stats.reason = choose(planes, data, photos.network, seconds)
+    return data if stats.mode == mode.name else planes
 
 
 def _thinning(job: Job) -> Coder:
