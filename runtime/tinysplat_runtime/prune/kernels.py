@@ -36,22 +36,9 @@ from ..render.kernels_blend import (
     rows_of,
     tiles_of,
 )
-from ..render.kernels_project import (
-    ALPHA_X,
-    BETA_X,
-    BLUE,
-    GAMMA,
-    GREEN,
-    LOG_OPACITY,
-    REACH,
-    RED,
-    Number,
-    X,
-    Y,
-    compiled,
-    summing,
-)
+from ..render.kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LOG_OPACITY, REACH, RED, X, Y
 from ..render.prepare import ALPHA_MIN
+from ..system.kernels_compile import Number, compiled, summing
 
 OPACITY_COLOUR = 0.5
 """Opacity counts as a fourth colour that is so bright."""

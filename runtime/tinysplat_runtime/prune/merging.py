@@ -15,8 +15,8 @@ from ..gaussian.curve import morton_keys
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from ..gaussian.sh import C0
-from ..render.kernels_project import Number, compiled
 from ..system.blas import symmetric_eigen
+from ..system.kernels_compile import Number, compiled
 
 UNLIKE = 0.6
 """Bhattacharyya's distance of two Gaussians plus |Δr| + |Δg| + |Δb|, from which they are not merged."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render.kernels_project import Number, compiled
+from ..system.kernels_compile import Number, compiled
 
 _F = np.float32
 

@@ -11,19 +11,8 @@ from ..gaussian.sh import C0
 from ..render.kernels_blend import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_chain import Moved
 from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW, exp, place_looks
-from ..render.kernels_project import (
-    ALPHA_X,
-    AXES,
-    BETA_X,
-    CHUNK,
-    GAMMA,
-    GEOMETRY,
-    MEAN,
-    RED,
-    Number,
-    ViewNumbers,
-    compiled,
-)
+from ..render.kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, RED, ViewNumbers
+from ..system.kernels_compile import Number, compiled
 
 VALUES = 10
 """Of a Gaussian: how far its mean has moved in each direction, in units of its own, logarithms of its scales, logit of

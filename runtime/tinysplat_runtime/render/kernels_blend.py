@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..system.kernels_compile import Number, compiled
 from .composite import ALPHA_MAX, TRANSMITTANCE_MIN
 from .kernels_project import (
     ALPHA_X,
@@ -30,10 +31,8 @@ from .kernels_project import (
     RED,
     RIGHT,
     TOP,
-    Number,
     X,
     Y,
-    compiled,
 )
 from .near import OPEN
 from .prepare import ALPHA_MIN

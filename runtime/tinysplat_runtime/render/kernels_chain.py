@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.sh import C0
+from ..system.kernels_compile import Number, compiled
 from .kernels_blend import Tiles, Visible, rows_of, tiles_of
 from .kernels_gradient import (
     BY_RED,
@@ -34,21 +35,7 @@ from .kernels_gradient import (
     VALUES,
     exp,
 )
-from .kernels_project import (
-    ALPHA_X,
-    AXES,
-    BETA_X,
-    CHUNK,
-    GAMMA,
-    GEOMETRY,
-    MEAN,
-    OWN_PIXEL,
-    RED,
-    Number,
-    ViewNumbers,
-    clipped,
-    compiled,
-)
+from .kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, OWN_PIXEL, RED, ViewNumbers, clipped
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE
 
 _F, _I, _ZERO = np.float32, np.uint64, np.float32(0)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..system.kernels_compile import Number, compiled, summing
 from .composite import ALPHA_MAX
 from .kernels_blend import (
     AHEAD,
@@ -48,11 +49,8 @@ from .kernels_project import (
     OWN_PIXEL,
     REACH,
     RED,
-    Number,
     X,
     Y,
-    compiled,
-    summing,
 )
 from .prepare import ALPHA_MIN
 

@@ -9,13 +9,13 @@ place of 5 ms for 131,072 Gaussians). Scratch stays in a core's L1 cache from st
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, band_1, band_2, band_3, band_4
+from ..system.kernels_compile import Number, compiled
 from .prepare import ALPHA_MIN
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE, LIMIT, MARGIN_PX, WIDE_PX
 
@@ -69,28 +69,6 @@ class ViewNumbers(NamedTuple):
 CHORD_PX = 16
 """Footprints at least this wide are cut to their chord in every row; narrower ones save nothing by it."""
 
-Number = Any  # numba infers what kind when it compiles
-
-
-def _is_kept() -> bool:
-    """Whether compiled code can be stored; in containers neither this folder nor the user's cache may be writable."""
-
-    def nothing() -> None:
-        pass
-
-    try:
-        njit(cache=True)(nothing)
-    except RuntimeError:
-        return False
-    return True
-
-
-# A product and a sum may become one instruction; nothing else of "fast math" is safe with infinities about.
-OPTIONS: dict[str, Any] = {"nogil": True, "cache": _is_kept(), "error_model": "numpy", "fastmath": {"contract"}}
-compiled = njit(**OPTIONS)
-
-# Sums over lanes may be vector sums, whose order the compiler fixes.
-summing = njit(**{**OPTIONS, "fastmath": {"contract", "reassoc"}})
 _BAND_1, _BAND_2, _BAND_3, _BAND_4 = (compiled(band) for band in (band_1, band_2, band_3, band_4))
 
 _F, _I = np.float32, np.uint64
