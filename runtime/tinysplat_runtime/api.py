@@ -76,12 +76,19 @@ class Runtime:
         self.store = GraphStore(threads=1, providers=providers, models=models)
 
     def predict(
-        self, scene: Scene, model: str = DEFAULT_MODEL, *, whole: bool = False, watch: Stopwatch | None = None
+        self,
+        scene: Scene,
+        model: str = DEFAULT_MODEL,
+        *,
+        whole: bool = False,
+        joint: bool = True,
+        watch: Stopwatch | None = None,
     ) -> Gaussians:
         """Gaussians of all views of a scene.
 
-        More photos than the network takes at once are grouped with their neighbours (`scene.neighbours`) and go through
-        its stages one by one (`graphs.each`), or where it has none group by group. Large photos
+        Three photos or more are grouped with their neighbours (`scene.neighbours`) and go through the network's stages
+        one by one (`graphs.each`), between which all agree on depth (`graphs.joint`); where it has none, more than it
+        takes at once go group by group. Large photos
         (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is brought to
         every pixel.
 
@@ -89,6 +96,7 @@ class Runtime:
             scene: 2 or more views of one size, with near and far; `Scene.views` and `Scene.resized` choose and scale.
             model: a network's name in the manifest, or the path of an .onnx file.
             whole: run the network on the photos as they are, however large: what readers of files with photos do.
+            joint: let all photos agree on depth, which needs numba.
             watch: filled with the seconds of stage `network`.
 
         Returns:
@@ -104,7 +112,8 @@ class Runtime:
         from .scene.scenes import Scene
 
         _check(scene, Scene, "scene", "a Scene, which `load_scene` reads")
-        return stages.predict(scene, model, self, stages.Way.of(scene, model, self, whole=whole), watch=watch)
+        way = stages.Way.of(scene, model, self, whole=whole, joint=joint)
+        return stages.predict(scene, model, self, way, watch=watch)
 
     def refine(
         self,

@@ -18,7 +18,8 @@ from tinysplat_runtime.scene.scenes import Frame, Scene
 @pytest.mark.parametrize(
     ("count", "side", "model", "is_large", "is_each"),
     [
-        (6, 480, "edge", False, False),
+        (2, 480, "edge", False, False),
+        (3, 480, "edge", False, True),
         (7, 480, "edge", False, True),
         (7, 480, "sweep", False, False),
         (2, 600, "edge", True, False),

@@ -1,9 +1,10 @@
 """Captures photo by photo: each goes once through the stages of a network, beside the partners of its group.
 
 Stages follow one another as each needs what the one before made of a photo and of its partners: a glance at cells of
-8 × 8 pixels, from which exposures and depth ranges come; then, along a way from neighbour to neighbour, matching,
-estimating, dressing and finishing. What no photo needs any more is let go, so that in memory there are maps of the
-photos about the one at hand. Contracts: docs/MODELS.md, role `stage`.
+8 × 8 pixels, from which exposures and depth ranges come; then, along a way from neighbour to neighbour, matching and
+estimating. What these find of all photos waits on disk until all agree on depth (`joint.py`); then, along that way
+again, dressing and finishing. What no photo needs any more is let go, so that in memory there are maps of the photos
+about the one at hand. Contracts: docs/MODELS.md, role `stage`.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ def predict_each(
     stages: Mapping[str, Graph],
     groups: Sequence[Group],
     show: Show = plain,
+    run_jobs: Callable | None = None,
 ) -> Gaussians:
     """As `walk.predict_groups`, by the stages of a network.
 
@@ -50,6 +52,8 @@ def predict_each(
         stages: opened graphs by name.
         groups: in which every photo is kept once, beside its partners.
         show: is given a photo at a time.
+        run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does, for the step in which photos
+            agree on depth; None leaves that out.
 
     Raises:
         InputError, NumericError, ModelError: as `predict.predict`.
@@ -62,8 +66,13 @@ def predict_each(
             away = np.square(places[others] - places[v]).sum(axis=1)
             stars[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
     capture = _Capture(read, cameras, near, far, stages, stars)
-    alone = [Group((v,), (v,)) for group in groups for v in group.kept]
-    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), show)
+    order = [v for group in groups for v in group.kept]
+    for view in show(order, len(order), str):
+        capture.estimated(view)
+    if run_jobs is not None:
+        capture.agree(run_jobs)
+    alone = [Group((v,), (v,)) for v in order]
+    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]))
 
 
 class _Capture:
@@ -98,8 +107,9 @@ class _Capture:
         self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
         self.exposures = self._looked_at(cells)
         self.made: dict[tuple[str, int], dict[str, NDArray]] = {}
+        self.estimates: dict[str, NDArray] = {}  # (V, 1, …) by name
         needed = np.bincount([u for star in stars for u in star], minlength=len(cameras))
-        self.needed = {name: needed.tolist() for name in ("half", "match", "estimate", "dress")}
+        self.needed = {name: needed.tolist() for name in ("half", "match", "dress")}
         self.needed["half"] = [2 * count for count in self.needed["half"]]
 
     def finished(self, view: int) -> Gaussians:
@@ -126,33 +136,56 @@ class _Capture:
         if ("dress", view) in self.made:
             return
         star = self.stars[view]
-        for u in star:
-            self._estimated(u)
-        own = self.made["estimate", view]
-        heavy = {name: own.pop(name) for name in ("features", "coarse_features", "full", "clues")}
         self.made["dress", view] = self._run(
             "dress",
             view,
             images=self.images[list(star)],
             shown=self.exposures.shown(self._planes(view), view),
-            levels=self._of("estimate", "level", star),
-            agreements=self._of("estimate", "agreement", star),
-            **heavy,
+            levels=self.estimates["level"][list(star), 0],
+            agreements=self.estimates["agreement"][list(star), 0],
+            **{name: self.estimates[name][view] for name in ("features", "coarse_features", "full", "clues")},
         )
-        scratch.set_aside(self.images)
-        self._let_go("estimate", star)
+        scratch.set_aside(self.images, *self.estimates.values())
 
-    def _estimated(self, view: int) -> None:
-        if ("estimate", view) in self.made:
-            return
+    def agree(self, run_jobs: Callable) -> None:
+        """Correct depths of all photos, of which every one is estimated, until they agree."""
+        from .joint import doubled, joint_depth  # needs numba
+
+        camera, levels = self.cameras[0], self.estimates["level"]
+        views, _, _, *padded_to = levels.shape
+        height, width = -(-camera.height // 2), -(-camera.width // 2)  # no photo shows what it is padded with
+        offset, span = np.concatenate(self.ranges).T[:, :, None, None]
+        inverse = scratch.zeros((views, height, width))
+        colours = scratch.zeros((views, height, width, 3))
+        for v in range(views):
+            inverse[v] = offset[v] + span[v] * levels[v, 0, 0, :height, :width]
+            colours[v] = _means(self.images[v : v + 1], 2)[0, :, :height, :width].transpose(1, 2, 0)
+            scratch.set_aside(inverse, colours, levels, self.images)
+        size = np.array([[padded_to[1]], [padded_to[0]], [1.0]])
+        Ks = np.stack(self.units).astype(np.float64) * size
+        found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs)
+        rest = [(0, padded_to[0] - height), (0, padded_to[1] - width)]
+        for v in range(views):
+            maps = np.pad(found[v], rest, mode="edge")
+            for name, its in (("level", maps), ("full", doubled(maps))):
+                self.estimates[name][v, 0, 0] = ((its - offset[v]) / span[v]).clip(0, 1)
+            scratch.set_aside(found, *self.estimates.values())
+
+    def estimated(self, view: int) -> None:
+        """Find a photo's depth."""
         star = self.stars[view]
         for u in star:
             self._matched(u)
         own = self.made["match", view]
         heavy = {name: own.pop(name) for name in ("costs", "paths", "coarse_paths")}
-        self.made["estimate", view] = self._run(
+        found = self._run(
             "estimate", view, half=self._of("half", "half", star), levels=self._of("match", "level", star), **heavy
         )
+        for name, maps in found.items():
+            if name not in self.estimates:
+                self.estimates[name] = scratch.zeros((len(self.cameras), *maps.shape))
+            self.estimates[name][view] = maps
+        scratch.set_aside(*self.estimates.values())
         self._let_go("match", star)
         self._let_go("half", star)
 

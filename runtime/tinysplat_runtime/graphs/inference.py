@@ -273,12 +273,11 @@ class GraphStore:
         """A network, by its name in the manifest or the path of its file."""
         return self._open(name, "network", "network")
 
-    def has_stages(self, name: str, views: int) -> bool:
-        """Whether a network has stages, through which so many views go one by one: more than it takes at once."""
+    def has_stages(self, name: str) -> bool:
+        """Whether a network has stages, through which photos go one by one."""
         artifact = find_artifact(name, "network", self._models)
         files = _stage_files(artifact.name).values()
-        takes_all = artifact.entry is None or views <= artifact.entry["max_views"]
-        return not takes_all and load_manifest(self._models).keys() >= set(files)
+        return artifact.entry is not None and load_manifest(self._models).keys() >= set(files)
 
     def stages(self, name: str) -> dict[str, Graph]:
         """The stages of a network that has some, by their own names."""

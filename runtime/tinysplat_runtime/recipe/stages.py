@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codec.decoder import decode_gaussians
 from ..codec.job import EncodeStats, Job, PhotoScene
@@ -46,6 +48,9 @@ from .words import Refinement
 if TYPE_CHECKING:
     from ..refine.stats import RefineStats
 
+LEAST_EACH = 3
+"""Photos from which on they go through a network's stages one by one: two have nobody else to agree with."""
+
 FREE_VIEWS, MOST_JUDGED = 4, 16
 """Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
 
@@ -71,15 +76,17 @@ class Way:
     Attributes:
         enlarger: brings what the network finds on small copies of large photos to every pixel; None where it runs on
             the photos as they are.
-        is_each: whether photos go one by one, and not group by group: those of a capture, which are not large, where
-            the network has stages, and where no file is to keep groups.
+        is_each: whether photos go one by one, and not group by group: three or more, which are not large, where the
+            network has stages, and where no file is to keep groups.
+        is_joint: whether these then agree on depth.
     """
 
     enlarger: Enlarger | None
     is_each: bool
+    is_joint: bool = False
 
     @classmethod
-    def of(cls, scene: Scene, model: str, tools: Tools, *, whole: bool = False) -> Way:
+    def of(cls, scene: Scene, model: str, tools: Tools, *, whole: bool = False, joint: bool = True) -> Way:
         """See `Runtime.predict` for the arguments."""
         if whole:
             return cls(None, False)
@@ -88,7 +95,8 @@ class Way:
         enlarger = Enlarger.of(graph) if graph is not None else None
         if enlarger is not None and tools.store.shipped_network(model) in enlarger.networks:
             return cls(enlarger, False)
-        return cls(None, tools.store.has_stages(model, len(scene.frames)))
+        is_each = len(scene.frames) >= LEAST_EACH and tools.store.has_stages(model)
+        return cls(None, is_each, is_each and joint)
 
 
 def predict(
@@ -106,8 +114,16 @@ def predict(
     except InputError as error:
         raise error.within(str(scene.path)) from None
     if stages:
+        run_jobs = Crew(tools.threads).map if way.is_joint else None
+        if run_jobs is not None and find_spec("numba") is None:
+            warn('photos do not agree on depth: to let them needs numba; pip install "tinysplat[fast]" brings it')
+            run_jobs = None
+
+        def read(view: int) -> NDArray:
+            return scene.frames[view].image()
+
         with watch.stage("network"):
-            return predict_each(lambda view: scene.frames[view].image(), scene.cameras, near, far, stages, groups, show)
+            return predict_each(read, scene.cameras, near, far, stages, groups, show, run_jobs)
 
     def run(views: Sequence[int]) -> Gaussians:
         part = scene.views(views)

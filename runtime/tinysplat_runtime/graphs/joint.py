@@ -1,0 +1,158 @@
+"""Depth on which all photos of a capture agree: a search over planes, between the stages `estimate` and `dress`.
+
+A network finds depth in a few photos at a time, and where photos of different groups show one corner it often lies some
+pixels apart, which blurs every picture that is drawn of both. Here every pixel of every photo has a plane, which starts
+as what the network found, and tries those of its neighbours, the depths that maps of other photos put there, and its
+own a little nearer and farther; the cheapest stays (PatchMatch stereo, Bleyer, Rhemann & Rother 2011; in red and black
+pixels by turns, Galliani, Lasinger & Schindler 2015). A plane costs what it shows unlike the better half of the photo's
+sources (so chosen in COLMAP, Schönberger et al. 2016, and ACMH, Xu & Tao 2019), how far their own maps are from it, and
+a little for leaving the network's depth where nothing has texture and for jumps between alike neighbours. A pixel
+leaves the network's depth only where that is clearly cheaper at the end.
+
+All of it is done at half of the photos' size, where windows see more. Photos do not wait for each other within a pass,
+so one is worked on with its sources alone, and no result depends on threads. Constants: docs/lab/depth.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.cameras import Camera
+from ..scene.neighbours import Neighbours
+from ..system import scratch
+from .kernels_joint import medians, put, search
+
+SOURCES = 5
+"""Other photos that the pixels of one are held against: its nearest partners."""
+
+FORWARD = 3
+"""Of these, whose maps are tried."""
+
+PASSES = 2
+
+MARGIN = 0.15
+"""By so much a plane has to be cheaper than the network's at the end for a pixel to leave that."""
+
+BELOW, ABOVE = 0.8, 1.1
+"""How far beyond what the network found in all of a photo inverse depths may go, as factors; beyond the far plane by
+another 0.3 of it."""
+
+FLATTEN = 3
+"""Radius of the medians that slopes are smoothed with, pixels."""
+
+
+def joint_depth(
+    inverse: NDArray,
+    colours: NDArray,
+    Ks: NDArray,
+    cameras: Sequence[Camera],
+    near: float,
+    far: float,
+    run_jobs: Callable,
+) -> NDArray:
+    """Correct the inverse depths of a capture's photos.
+
+    Args:
+        inverse: (V, h, w) float32, what a network found, per scene unit.
+        colours: (V, h, w, 3) float32 in [0, 1], photos of one exposure at the same size.
+        Ks: (V, 3, 3) float64 intrinsics at that size, pixels.
+        cameras: where the photos were taken.
+        near, far: depths between which the scene lies, scene units.
+        run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does.
+
+    Returns:
+        (V, h, w) float32; photos without a partner as they were.
+    """
+    sources = [partners[:SOURCES] for partners in Neighbours.of(cameras, near, far).partners]
+    views, height, width = inverse.shape
+    terms = [_terms(v, sources[v], cameras, Ks) for v in range(views)]
+    planes = scratch.zeros((views, 3, height, width))
+    found = scratch.zeros(inverse.shape)
+
+    def of(v: int) -> list[int]:
+        return [v, *sources[v]]
+
+    def started(v: int) -> None:
+        found[v] = inverse[v]
+        planes[v] = _sloped(inverse[v])
+
+    def searched(v: int) -> None:
+        if not sources[v]:
+            return
+        candidates = np.zeros((min(FORWARD, len(sources[v])), height, width), np.float32)
+        for out, u, A, b in zip(candidates, sources[v], *terms[v], strict=False):
+            put(found[u], np.linalg.inv(A), b, out)
+        low = max(float(inverse[v].min()) * BELOW, 0.3 / far)
+        _search(v, planes[v], candidates, low, float(inverse[v].max()) * ABOVE)
+
+    def settled(v: int) -> None:
+        """The better of what was found and what the network says becomes a photo's."""
+        if not sources[v]:
+            return
+        none = np.zeros((0, height, width), np.float32)
+        now, before = (_search(v, _sloped(maps), none, 0, 1) for maps in (found[v], inverse[v]))
+        planes[v, 0] = np.where(before - now < MARGIN, inverse[v], found[v])
+
+    def _search(v: int, its_planes: NDArray, candidates: NDArray, low: float, high: float) -> NDArray:
+        spent = np.zeros((height, width), np.float32)
+        its = colours[of(v)].reshape(len(of(v)), height * width, 3)
+        A, b = (np.asarray(term, np.float32) for term in terms[v])
+        search(
+            its.mean(axis=2),
+            its.reshape(len(its), -1),
+            found[of(v)].reshape(len(its), -1),
+            A,
+            b,
+            its_planes,
+            inverse[v],
+            candidates,
+            np.float32(low),
+            np.float32(high),
+            spent,
+        )
+        scratch.set_aside(colours, found, inverse)
+        return spent
+
+    run_jobs(started, range(views))
+    for _ in range(PASSES):
+        run_jobs(searched, range(views))
+        for v in range(views):
+            found[v] = planes[v, 0]
+        scratch.set_aside(found, planes)
+    run_jobs(settled, range(views))
+    return planes[:, 0]
+
+
+def doubled(maps: NDArray) -> NDArray:
+    """(2h, 2w) of (h, w), bilinear: pixels lie a quarter from the nearest, edges are repeated."""
+    for axis in (0, 1):
+        padded = np.pad(maps, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        n = maps.shape[axis]
+        before, own, after = (padded.take(range(k, k + n), axis) for k in range(3))
+        pairs = [np.float32(0.75) * own + np.float32(0.25) * other for other in (before, after)]
+        shape = [2 * side if a == axis else side for a, side in enumerate(maps.shape)]
+        maps = np.stack(pairs, axis=axis + 1).reshape(shape)
+    return maps
+
+
+def _terms(v: int, sources: Sequence[int], cameras: Sequence[Camera], Ks: NDArray) -> tuple[NDArray, NDArray]:
+    """A (S, 3, 3) and b (S, 3) float64: a pixel p = (x, y, 1) of inverse depth w lies in a source at A·p + w·b."""
+    A, b = np.zeros((len(sources), 3, 3)), np.zeros((len(sources), 3))
+    inverse = np.linalg.inv(Ks[v])
+    for s, u in enumerate(sources):
+        turn = Ks[u] @ cameras[u].rotation
+        A[s] = turn @ cameras[v].rotation.T @ inverse
+        b[s] = turn @ (cameras[v].centre - cameras[u].centre)
+    return A, b
+
+
+def _sloped(inverse: NDArray) -> NDArray:
+    """(3, h, w) planes of inverse depths (h, w): slopes are differences to the right and below, smoothed."""
+    planes = np.empty((3, *inverse.shape), np.float32)
+    planes[0] = inverse
+    for axis, out in ((1, planes[1]), (0, planes[2])):
+        medians(np.diff(inverse, axis=axis, append=inverse.take([-1], axis)), FLATTEN, out)
+    return planes

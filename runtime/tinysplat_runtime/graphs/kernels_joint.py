@@ -1,0 +1,311 @@
+"""Kernels of the joint depth step: what a plane costs at a pixel, and a search over planes. See `joint.py`.
+
+A photo is worked on beside copies of its sources, in one array whose first row is the photo's own. Pixels have their
+centres at (x + ½, y + ½). A plane is its inverse depth at the pixel and how much that grows from a pixel to the next,
+(w, ∂w/∂x, ∂w/∂y).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..system.kernels_compile import Number, compiled
+
+RADIUS = 2
+"""Of the window that is compared, pixels; every other pixel of it counts."""
+
+SAME_PX = 0.15
+"""A plane that moves a pixel by less than the best so far does is not tried."""
+
+REACH_COLOUR, REACH_PLACE = 0.12, 4.0
+"""Difference of colour, and pixels, at which a pixel of the window weighs 1/e (adaptive support, Yoon & Kweon 2006)."""
+
+NOISE = 5e-5
+"""Variance of grey, in squares of its range, that is no texture."""
+
+SHARE = 0.5
+"""Of the sources that see a pixel, the best that count, as the others may not see what it shows (COLMAP, ACMH)."""
+
+COLOUR, COLOUR_MOST = 0.5, 0.1
+"""Weight of the difference of colours, and the difference from which it grows no more."""
+
+AGREE, AGREE_PX = 0.3, 3.0
+"""Weight of the pixels between a plane's depth and that of a source's map, and how many are as bad as any."""
+
+PULL, PULL_PX, LEAST_PULL = 0.1, 4.0, 0.15
+"""Weight of leaving the network's depth where there is no texture, its share elsewhere, and pixels that are as bad as
+any."""
+
+SMOOTH, SMOOTH_PX, SMOOTH_COLOUR = 0.05, 2.0, 0.04
+"""Weight of jumps to neighbours, jumps that are as bad as any, and difference of colour at which they are free."""
+
+UNSEEN = 0.6
+"""What a plane costs that no source sees."""
+
+STEPS = 4
+"""A pixel's own plane is tried one and two pixels of parallax nearer and farther."""
+
+_F, _I = np.float32, np.int64
+_ZERO, _HALF, _ONE, _FAR = _F(0), _F(0.5), _F(1), _F(1e9)
+_ACROSS = np.array([x for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if not (x + y) % 2], _F)
+_DOWN = np.array([y for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if not (x + y) % 2], _F)
+_TAPS = len(_ACROSS)
+_NEAR_X, _NEAR_Y = np.array([1, -1, 0, 0]), np.array([0, 0, 1, -1])
+_LOG_PLACE = np.hypot(_ACROSS, _DOWN) / _F(REACH_PLACE)
+_SHARE, _NOISE, _SAME, _UNSEEN = _F(SHARE), _F(NOISE), _F(SAME_PX), _F(UNSEEN)
+_REACH = _F(1 / (3 * REACH_COLOUR))
+_COLOUR, _COLOUR_MOST = _F(COLOUR / COLOUR_MOST / 2), _F(COLOUR_MOST)
+_AGREE, _AGREE_PX = _F(AGREE / AGREE_PX), _F(AGREE_PX)
+_PULL, _PULL_PX, _LEAST_PULL = _F(PULL / PULL_PX), _F(PULL_PX), _F(LEAST_PULL)
+_SMOOTH, _SMOOTH_PX, _SMOOTH_COLOUR = _F(SMOOTH / 4 / SMOOTH_PX), _F(SMOOTH_PX), _F(1 / (3 * SMOOTH_COLOUR))
+_LEAST_SCALE, _LEAST_PARALLAX = _F(1e-3), _F(1e-6)
+
+
+@compiled
+def _parallax(A: NDArray, b: NDArray, x: Number, y: Number, w: Number) -> Number:
+    """Pixels that a point at (x, y) of inverse depth w moves in sources per inverse depth, the mean."""
+    sum_, count = _ZERO, _ZERO
+    for s in range(len(A)):
+        z = A[s, 2, 0] * x + A[s, 2, 1] * y + A[s, 2, 2] + b[s, 2] * w
+        if z < _LEAST_SCALE:
+            continue
+        u = (A[s, 0, 0] * x + A[s, 0, 1] * y + A[s, 0, 2] + b[s, 0] * w) / z
+        v = (A[s, 1, 0] * x + A[s, 1, 1] * y + A[s, 1, 2] + b[s, 1] * w) / z
+        across, down = b[s, 0] - u * b[s, 2], b[s, 1] - v * b[s, 2]
+        sum_ += math.sqrt(across * across + down * down) / z
+        count += _ONE
+    return sum_ / max(count, _ONE) + _LEAST_PARALLAX
+
+
+@compiled
+def _unlike(colours: NDArray, here: Number, there: Number) -> Number:
+    """Σ |difference| of two pixels' colours."""
+    own, its = here * 3, there * 3
+    apart = abs(colours[own] - colours[its]) + abs(colours[own + 1] - colours[its + 1])
+    return apart + abs(colours[own + 2] - colours[its + 2])
+
+
+@compiled
+def _window(grey: NDArray, colours: NDArray, x: int, y: int, width: int, height: int, window: NDArray) -> Number:
+    """Weights of the window about a pixel, and weights times grey, into window (2, taps); their total, mean grey and
+    its variance.
+    """
+    total, sum_, squares = _ZERO, _ZERO, _ZERO
+    here = y * width + x
+    for k in range(_TAPS):
+        across: Number = min(max(x + _I(_ACROSS[k]), 0), width - 1)
+        down: Number = min(max(y + _I(_DOWN[k]), 0), height - 1)
+        there = down * width + across
+        weight = math.exp(-_unlike(colours, here, there) * _REACH - _LOG_PLACE[k])
+        value = grey[there]
+        window[0, k], window[1, k] = weight, weight * value
+        total += weight
+        sum_ += weight * value
+        squares += weight * value * value
+    mean = sum_ / total
+    return total, mean, max(squares / total - mean * mean, _ZERO)
+
+
+@compiled
+def _source_cost(
+    grey: NDArray, colours: NDArray, inverse: NDArray, A: NDArray, b: NDArray, plane: tuple[Number, Number, Number],
+    pixel: tuple[int, int, int, int], own: tuple[Number, Number, Number], window: NDArray,
+    seen: tuple[Number, Number, Number],
+) -> Number:  # fmt: skip
+    """What a plane costs in one source: 1 − NCC, colours and depth apart; negative where it lies outside its frame.
+
+    Args:
+        grey, colours, inverse: of the source: (h·w,), (h·w·3,), (h·w,) inverse depths.
+        A, b: a pixel p = (x, y, 1) of inverse depth w lies at A·p + w·b.
+        plane: at the pixel.
+        pixel: x, y, width, height.
+        own: its colour.
+        window: of `_window`, with what that says in `seen`: total, mean, variance.
+    """
+    w, right, below = plane
+    x, y, width, height = pixel
+    total, mean, variance = seen
+    across, down = _F(x) + _HALF, _F(y) + _HALF
+    at = (
+        w - right * across - below * down
+    )  # of w = at + right·x + below·y, so that A + b·(right, below, at) is a homography
+    h00, h01, h02 = A[0, 0] + b[0] * right, A[0, 1] + b[0] * below, A[0, 2] + b[0] * at
+    h10, h11, h12 = A[1, 0] + b[1] * right, A[1, 1] + b[1] * below, A[1, 2] + b[1] * at
+    h20, h21, h22 = A[2, 0] + b[2] * right, A[2, 1] + b[2] * below, A[2, 2] + b[2] * at
+    z = h20 * across + h21 * down + h22
+    if not z > _LEAST_SCALE:
+        return -_ONE
+    u, v = (h00 * across + h01 * down + h02) / z, (h10 * across + h11 * down + h12) / z
+    if not (u >= _HALF and v >= _HALF and u <= _F(width) - _HALF and v <= _F(height) - _HALF):
+        return -_ONE
+    ux, uy = (h00 - u * h20) / z, (h01 - u * h21) / z  # the homography is affine about the middle, near enough
+    vx, vy = (h10 - v * h20) / z, (h11 - v * h21) / z
+    most_x, most_y = _F(width) - _F(1.001), _F(height) - _F(1.001)
+    sum_, squares, products = _ZERO, _ZERO, _ZERO
+    for k in range(_TAPS):
+        p = min(max(u - _HALF + ux * _ACROSS[k] + uy * _DOWN[k], _ZERO), most_x)
+        q = min(max(v - _HALF + vx * _ACROSS[k] + vy * _DOWN[k], _ZERO), most_y)
+        left, top = np.int32(p), np.int32(q)
+        fp, fq = p - _F(left), q - _F(top)
+        first = np.uint64(top * width + left)
+        second = first + np.uint64(width)
+        above = grey[first] + fp * (grey[first + np.uint64(1)] - grey[first])
+        under = grey[second] + fp * (grey[second + np.uint64(1)] - grey[second])
+        value = above + fq * (under - above)
+        sum_ += window[0, k] * value
+        squares += window[0, k] * value * value
+        products += window[1, k] * value
+    its = sum_ / total
+    spread = max(squares / total - its * its, _ZERO)
+    likeness = (products / total - mean * its) / math.sqrt((variance + _NOISE) * (spread + _NOISE))
+    column: Number = min(_I(u - _HALF), width - 2)
+    row: Number = min(_I(v - _HALF), height - 2)
+    fp, fq = u - _HALF - _F(column), v - _HALF - _F(row)
+    here = (row * width + column) * 3
+    below_it = here + width * 3
+    apart = _ZERO
+    for c in range(3):
+        above = colours[here + c] + fp * (colours[here + 3 + c] - colours[here + c])
+        under = colours[below_it + c] + fp * (colours[below_it + 3 + c] - colours[below_it + c])
+        apart += abs(above + fq * (under - above) - own[c])
+    column, row = min(_I(u), width - 1), min(_I(v), height - 1)
+    gap = abs(inverse[row * width + column] - w / z)
+    shift_x, shift_y = b[0] - u * b[2], b[1] - v * b[2]
+    moved = gap * math.sqrt(shift_x * shift_x + shift_y * shift_y)
+    cost = min(_ONE - likeness, _ONE)
+    cost += _COLOUR * (min(apart / _F(3), _COLOUR_MOST) + min(abs(mean - its), _COLOUR_MOST))
+    return cost + _AGREE * min(moved, _AGREE_PX)
+
+
+@compiled
+def search(
+    grey: NDArray, colours: NDArray, inverse: NDArray, A: NDArray, b: NDArray, planes: NDArray, first: NDArray,
+    candidates: NDArray, low: Number, high: Number, spent: NDArray,
+) -> None:  # fmt: skip
+    """Every pixel of a photo keeps the cheapest of its planes: every other one first, then those between.
+
+    Args:
+        grey: (1 + S, h·w) float32 of the photo and its S sources.
+        colours: (1 + S, h·w·3) likewise, in one exposure.
+        inverse: (1 + S, h·w) inverse depths as the sources' maps have them; the first row is not read.
+        A, b: (S, 3, 3) and (S, 3) float32, see `_source_cost`.
+        planes: (3, h, w) float32, changed.
+        first: (h, w) what the network found.
+        candidates: (C, h, w) inverse depths to try, 0 where there are none; of none at all, the planes of neighbours
+            and own steps are not tried either: then only `spent` changes.
+        low, high: inverse depths between which it lies.
+        spent: (h, w), set to what each pixel's plane costs.
+    """
+    _, height, width = planes.shape
+    sources, forward = len(A), len(candidates)
+    tries = 1 + 4 + forward + STEPS if forward else 1
+    window, costs = np.empty((2, _TAPS), _F), np.empty(max(sources, 1), _F)
+    for red in range(2):
+        for y in range(height):
+            for x in range((y + red) % 2, width, 2):
+                here = y * width + x
+                total, mean, variance = _window(grey[0], colours[0], x, y, width, height, window)
+                pull = _PULL * (_LEAST_PULL + _NOISE / (variance + _NOISE))
+                w, right, below = planes[0, y, x], planes[1, y, x], planes[2, y, x]
+                px = _parallax(A, b, _F(x) + _HALF, _F(y) + _HALF, w)
+                own = colours[0, here * 3], colours[0, here * 3 + 1], colours[0, here * 3 + 2]
+                best, best_right, best_below, least = w, right, below, _FAR
+                for h in range(tries):
+                    if h == 0:
+                        at, slope_x, slope_y = w, right, below
+                    elif h <= 4:
+                        dx, dy = _NEAR_X[h - 1], _NEAR_Y[h - 1]
+                        if not (0 <= x + dx < width and 0 <= y + dy < height):
+                            continue
+                        slope_x, slope_y = planes[1, y + dy, x + dx], planes[2, y + dy, x + dx]
+                        at = planes[0, y + dy, x + dx] - slope_x * _F(dx) - slope_y * _F(dy)
+                    elif h <= 4 + forward:
+                        at, slope_x, slope_y = candidates[h - 5, y, x], right, below
+                    else:
+                        k = h - 5 - forward
+                        at, slope_x, slope_y = best + _F((1 - 2 * (k % 2)) * (1 + k // 2)) / px, best_right, best_below
+                    if h > 0 and not (low <= at <= high and abs(at - best) * px >= _SAME):
+                        continue
+                    cost = pull * min(abs(at - first[y, x]) * px, _PULL_PX)
+                    for k in range(4):
+                        dx, dy = _NEAR_X[k], _NEAR_Y[k]
+                        if not (0 <= x + dx < width and 0 <= y + dy < height):
+                            continue
+                        slope = (slope_x + planes[1, y + dy, x + dx]) * _F(dx)
+                        slope += (slope_y + planes[2, y + dy, x + dx]) * _F(dy)
+                        jump = abs(at + _HALF * slope - planes[0, y + dy, x + dx]) * px
+                        alike = math.exp(-_unlike(colours[0], here, here + dy * width + dx) * _SMOOTH_COLOUR)
+                        cost += _SMOOTH * alike * min(jump, _SMOOTH_PX)
+                    if cost >= least:
+                        continue
+                    seen = 0
+                    for s in range(sources):
+                        its = _source_cost(
+                            grey[s + 1], colours[s + 1], inverse[s + 1], A[s], b[s], (at, slope_x, slope_y),
+                            (x, y, width, height), own, window, (total, mean, variance),
+                        )  # fmt: skip
+                        if its < 0:
+                            continue
+                        place = seen
+                        while place > 0 and costs[place - 1] > its:
+                            costs[place] = costs[place - 1]
+                            place -= 1
+                        costs[place] = its
+                        seen += 1
+                    if seen:
+                        counted: Number = max(1, math.ceil(_F(seen) * _SHARE))
+                        sum_ = _ZERO
+                        for k in range(counted):
+                            sum_ += costs[k]
+                        cost += sum_ / _F(counted)
+                    else:
+                        cost += _UNSEEN
+                    if cost < least:
+                        least, best, best_right, best_below = cost, at, slope_x, slope_y
+                planes[0, y, x], planes[1, y, x], planes[2, y, x] = best, best_right, best_below
+                spent[y, x] = least
+
+
+@compiled
+def put(inverse: NDArray, to_photo: NDArray, shift: NDArray, out: NDArray) -> None:
+    """The nearest of what a source's map puts into each pixel of a photo.
+
+    Args:
+        inverse: (h, w) float32, the source's inverse depths.
+        to_photo, shift: (3, 3) and (3,) float64: a source's pixel p at depth z is the photo's to_photo·(z·p − shift).
+        out: (h, w) float32, raised to the inverse depths that are put there.
+    """
+    height, width = inverse.shape
+    for y in range(height):
+        for x in range(width):
+            depth = 1.0 / np.float64(inverse[y, x])
+            px, py = (x + 0.5) * depth - shift[0], (y + 0.5) * depth - shift[1]
+            pz = depth - shift[2]
+            z = to_photo[2, 0] * px + to_photo[2, 1] * py + to_photo[2, 2] * pz
+            if not z > 1e-6:
+                continue
+            u = (to_photo[0, 0] * px + to_photo[0, 1] * py + to_photo[0, 2] * pz) / z
+            v = (to_photo[1, 0] * px + to_photo[1, 1] * py + to_photo[1, 2] * pz) / z
+            if 0 <= u < width and 0 <= v < height:
+                column, row = _I(u), _I(v)
+                out[row, column] = max(out[row, column], _F(1.0 / z))
+
+
+@compiled
+def medians(values: NDArray, radius: int, out: NDArray) -> None:
+    """Medians over (2·radius + 1)² pixels of (h, w), edges repeated."""
+    height, width = values.shape
+    side = 2 * radius + 1
+    near = np.empty(side * side, _F)
+    for y in range(height):
+        for x in range(width):
+            n = 0
+            for dy in range(-radius, radius + 1):
+                row = min(max(y + dy, 0), height - 1)
+                for dx in range(-radius, radius + 1):
+                    near[n] = values[row, min(max(x + dx, 0), width - 1)]
+                    n += 1
+            out[y, x] = np.partition(near, n // 2)[n // 2]
