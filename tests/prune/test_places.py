@@ -18,6 +18,7 @@ from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.paths import looking_along
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 
 pytest.importorskip("numba")
 
@@ -53,10 +54,42 @@ def test_a_place_without_cameras_keeps_all_and_says_how_to_have_it_smaller(place
     assert ts.decompress(data).count == COUNT
 
 
-@pytest.mark.parametrize(("size", "moved"), [(1e-3, 0.0), (1.0, 50.0), (1e3, -20.0)])
-def test_a_place_is_told_from_an_object_wherever_and_however_large(place, size, moved):
-    ball = make_free_gaussians(COUNT, 0, np.random.default_rng(4))
-    for gaussians, expected in ((ball, False), (place, True)):
+def turned(gaussians: Gaussians, seed: int) -> Gaussians:
+    """About the origin, by a random rotation; spheres of the same sizes."""
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return replace(gaussians, means=gaussians.means @ turn, scales=np.repeat(gaussians.scales[:, :1], 3, axis=1))
+
+
+def figure(count: int) -> Gaussians:
+    """An object: a body with two arms, as large everywhere and nothing about it."""
+    ball = make_free_gaussians(count, 0, np.random.default_rng(4), size=0.3)
+    means = ball.means.copy()
+    means[::3] = means[::3] * [6, 0.6, 0.6] + [0, 0.3, 0]
+    means[1::3] = means[1::3] * [1, 3, 1]
+    return replace(ball, means=means, scales=0.3 * ball.scales)
+
+
+def desk(count: int) -> Gaussians:
+    """Trained from photos on one side of it: a desk before a wall, sizes alike, and a few that float far behind."""
+    rng = np.random.default_rng(5)
+    some = make_free_gaussians(count, 0, rng)
+    means = rng.uniform(-1, 1, (count, 3)) * [1, 1, 0.02]
+    means[::2] = means[::2][:, [0, 2, 1]] + [0, 1, -1]
+    means[::40] *= rng.uniform(1, 6, (len(means[::40]), 1))
+    return replace(some, means=means, opacities=0.3 + 0.7 * some.opacities)
+
+
+@pytest.mark.parametrize(("size", "moved"), [(1.0, 50.0), (1e3, -20.0)])
+def test_only_what_is_surely_an_object_is_pruned_from_outside(place, size, moved):
+    """Wherever it lies, however large and turned it is; nor is it joined to a place, or a room's box."""
+    rng = np.random.default_rng(6)
+    walls = rng.uniform(-1, 1, (COUNT, 3))
+    walls[np.arange(COUNT), rng.integers(0, 3, COUNT)] = rng.choice([-1, 1], COUNT)
+    room = replace(figure(COUNT), means=walls, scales=np.full((COUNT, 3), 0.05), opacities=np.full(COUNT, 0.9))
+    lone, lying = figure(COUNT), desk(COUNT)
+    joined = Gaussians(**{name: np.concatenate([getattr(one, name) for one in (lone, lying)]) for name in FIELDS})
+    places = [place, lying, turned(lying, 1), room, turned(room, 2), joined]
+    for gaussians, expected in [(lone, False), (turned(lone, 3), False), *((one, True) for one in places)]:
         scaled = replace(gaussians, means=size * gaussians.means + moved, scales=size * gaussians.scales)
         assert bool(views_of(scaled)[1]) == expected
 
@@ -143,6 +176,33 @@ def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path):
     (tmp_path / "model" / "cameras.json").write_text("[{}]")
     with pytest.warns(ts.InputWarning, match=r"cameras\.json"):
         assert not ts.load_gaussians(folder / "point_cloud.ply").viewpoints
+
+
+def test_cameras_of_other_tools_beside_a_list_are_found_and_said(place, tmp_path: Path, capsys):
+    """OpenSplat's and nerfstudio's, whose Gaussians lie where it moved them before it trained."""
+    cameras, turn = cameras_within(12), np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    expected = [camera.c2w for camera in cameras]
+    ts.save_gaussians(tmp_path / "splat.ply", place)
+    applied, whole = np.eye(4), np.eye(4)
+    applied[:3, 3], whole[:3, :3], whole[:3, 3] = [1, 2, 3], turn, [0.5, 0, 0]
+    before = np.linalg.inv(whole @ np.linalg.inv(applied))
+    frames = []
+    for number, camera in enumerate(cameras):
+        c2w = camera.c2w @ np.diag([1.0, -1, -1, 1])
+        c2w[:3, 3] /= 0.25
+        frames.append({"file_path": f"{number}.jpg", "transform_matrix": (before @ c2w).tolist()})
+    document = {"w": 96, "h": 72, "fl_x": 90, "cx": 48, "cy": 36, "frames": frames}
+    document |= {"applied_transform": applied[:3].tolist(), "applied_scale": 2}
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    moved = {"transform": whole[:3].tolist(), "scale": 0.5}
+    (tmp_path / "dataparser_transforms.json").write_text(json.dumps(moved))
+    for found, c2w in zip(ts.load_gaussians(tmp_path / "splat.ply").viewpoints, expected, strict=True):
+        np.testing.assert_allclose(found.c2w, c2w, atol=1e-9)
+    entries = [camera_entry(f"{number}", camera) for number, camera in enumerate(cameras)]
+    (tmp_path / "cameras.json").write_text(json.dumps({"frames": entries}))
+    assert main(["compress", str(tmp_path / "splat.ply"), "-o", str(tmp_path / "place.tsplat")]) == 0
+    assert "cameras.json: used as cameras of 12 photos" in capsys.readouterr().err
+    assert len(ts.load_gaussians(tmp_path / "place.tsplat").viewpoints) == 12
 
 
 def test_cameras_move_along_and_other_formats_of_ours_keep_them(place, tmp_path: Path):

@@ -5,15 +5,18 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from ..api import Runtime
 from ..container.points import Points
 from ..errors import TinySplatError
+from ..formats.viewpoints import found_beside
 from ..graphs.providers import providers_of
 from ..recipe.encode import Encoded, Listener
 from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos
+from ..recipe.export import KEEPS_CAMERAS
 from ..recipe.request import CompressRequest, EncodeRequest
 from ..refine.stats import RefineStats
 from ..scene.scenes import Scene
@@ -70,6 +73,9 @@ def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
     reading = replace(reading_of(args), grid=args.grid)
     runtime, gaussians = reading.runtime(), reading.load(args.gaussians, Stopwatch())
+    if gaussians.viewpoints and not (args.cameras or args.quiet or args.gaussians.endswith(KEEPS_CAMERAS)):
+        used = f"{found_beside(Path(args.gaussians))}: used as cameras of {len(gaussians.viewpoints)} photos"
+        print(printable(used), file=sys.stderr)
     try:
         request = asked(args, CompressRequest, gaussians)
         coded = compress_gaussians(request, runtime, _listener(quiet=args.quiet), keep=bool(args.report))

@@ -3,6 +3,8 @@
 scene/cameras.json                                  of scene/point_cloud/iteration_30000/point_cloud.ply, as 3DGS
                                                     writes both
 room.cameras.json                                   of room.ply, room.splat and so on, as `decode --fuse` writes it
+cameras.json, transforms.json, sparse/0             of what lies beside them, as of OpenSplat, nerfstudio and COLMAP;
+                                                    dataparser_transforms.json says how nerfstudio moved what it trained
 """
 
 from __future__ import annotations
@@ -13,12 +15,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError, warn
+from ..gaussian.editing import moved_camera
 from ..gaussian.gaussians import FIELDS, Gaussians
-from ..scene.cameras import Camera
-from ..system.files import StrPath, write_atomically
+from ..scene.cameras import Camera, finite_array
+from ..system.files import StrPath, read_limited, write_atomically
+from ..system.jsonfields import parse_object
 
 SUFFIX = ".cameras.json"
+CAMERAS_FILE, TRANSFORMS_FILE, MOVED_FILE = "cameras.json", "transforms.json", "dataparser_transforms.json"
 
 
 def seen_from(gaussians: Gaussians, cameras: Sequence[Camera] | StrPath) -> Gaussians:
@@ -55,21 +62,60 @@ def _cameras(given: Sequence[Camera] | StrPath) -> tuple[Camera, ...]:
     return tuple(given)
 
 
+def found_beside(path: Path) -> Path | None:
+    """The file or folder beside a list of Gaussians that has cameras of its photos; None where there is none."""
+    from ..scene.intake.colmap import model_folder
+
+    own, folder = path.with_suffix(SUFFIX), path.absolute().parent
+    if own.is_file():
+        return own
+    if folder.name.startswith("iteration_") and folder.parent.name == "point_cloud":
+        model = folder.parent.parent / CAMERAS_FILE
+        if model.is_file():
+            return model
+    for name in (CAMERAS_FILE, TRANSFORMS_FILE):
+        if (folder / name).is_file():
+            return folder / name
+    return folder if model_folder(folder) is not None else None
+
+
 def cameras_beside(path: Path) -> tuple[Camera, ...]:
     """Cameras that a file beside a list of Gaussians has; none, and a warning, where it cannot be read."""
-    file = path.with_suffix(SUFFIX)
-    folder = path.absolute().parent
-    if folder.name.startswith("iteration_") and folder.parent.name == "point_cloud" and not file.is_file():
-        file = folder.parent.parent / "cameras.json"
-    if not file.is_file():
+    file = found_beside(path)
+    if file is None:
         return ()
     from ..scene.intake.layouts import load_cameras
 
     try:
-        return tuple(load_cameras(file))
+        cameras = load_cameras(file)
+        moved = file.parent / MOVED_FILE
+        return tuple(_as_trained(cameras, moved, file) if file.name == TRANSFORMS_FILE and moved.is_file() else cameras)
     except InputError as error:
         warn(f"{error}; not used")
         return ()
+
+
+def _as_trained(cameras: Sequence[Camera], moved: Path, transforms: Path) -> list[Camera]:
+    """Cameras of a `transforms.json` where nerfstudio had them when it trained: s·(T·A⁻¹·x), T and s as it wrote them
+    down and A what had been applied to the file's own cameras.
+    """
+    from ..scene.scenes import MAX_CAMERAS_BYTES
+
+    told = parse_object(read_limited(moved, MAX_CAMERAS_BYTES))
+    own = parse_object(read_limited(transforms, MAX_CAMERAS_BYTES))
+    identity = np.eye(4)[:3].tolist()
+    try:
+        whole, applied = (
+            np.vstack([finite_array(name, given.get(name, identity), (3, 4)), [0, 0, 0, 1]])
+            for name, given in (("transform", told), ("applied_transform", own))
+        )
+        scale = float(told.get("scale", 1)) / float(own.get("applied_scale", 1))
+        motion = whole @ np.linalg.inv(applied)
+        return [moved_camera(camera, motion[:3, :3], scale, scale * motion[:3, 3]) for camera in cameras]
+    except InputError as error:
+        raise error.within(str(moved)) from None
+    except (TypeError, ValueError, ZeroDivisionError, np.linalg.LinAlgError):
+        raise InputError("expected transform, 3x4, and scale, a number", where=str(moved)) from None
 
 
 def save_beside(path: Path, gaussians: Gaussians) -> Path:

@@ -144,9 +144,9 @@ def similarity(
             scales=layer.scales * np.float32(scale),
             opacities=layer.opacities,
             sh=layer.sh if turn is None else rotate_sh(layer.sh, R),
-            cameras=tuple(_moved_camera(camera, R, scale, t) for camera in layer.cameras),
+            cameras=tuple(moved_camera(camera, R, scale, t) for camera in layer.cameras),
             origin=moved_origin,
-            viewpoints=tuple(_moved_camera(camera, R, scale, t) for camera in layer.viewpoints),
+            viewpoints=tuple(moved_camera(camera, R, scale, t) for camera in layer.viewpoints),
         )
 
     # a unit no longer fits what was enlarged
@@ -175,7 +175,8 @@ def rotate_sh(sh: NDArray, rotation: NDArray) -> NDArray:
     return turned
 
 
-def _moved_camera(camera: Camera, rotation: NDArray, scale: float, translation: NDArray) -> Camera:
+def moved_camera(camera: Camera, rotation: NDArray, scale: float, translation: NDArray) -> Camera:
+    """A camera moved along with a scene: see `similarity`."""
     c2w = camera.c2w.copy()
     c2w[:3, :3] = rotation @ c2w[:3, :3]
     c2w[:3, 3] = scale * rotation @ c2w[:3, 3] + translation

@@ -48,6 +48,16 @@ MOST, MOST_DECIDING = 32, 48
 PARTNERS = 2
 """Nearest cameras of each, on the way to which further views lie."""
 
+LONGEST_TAIL = 1.8
+"""Of an object, 999 of 1,000 Gaussians lie within so many times the distance of nine in ten from its middle. Trained
+objects have 1.2 to 1.5, trained places 2.1 and more, until they are cut.
+"""
+
+OUTER, MOST_COVERED = 8, 0.36
+"""Views from outside, of which an object covers this share at most: trained ones 0.15 to 0.31, a ball 0.22, a cube up
+to 0.4; trained places 0.54 to 0.94, and cut to a box 0.4 and more, but for the emptiest.
+"""
+
 LEAST_SEEN = 0.25
 """Share of the Gaussians that lie before cameras: of fewer, these are not the scene's, or too few of them. Captures
 whose photos were cut have Gaussians beyond all frames: their own cameras show 0.39 and more.
@@ -78,7 +88,7 @@ class Views:
 def views_of(gaussians: Gaussians) -> tuple[Views, str]:
     """Views of (N,) Gaussians: those of their viewpoints, or about an object; and why they may show too little of them.
 
-    That is so of a place whose viewpoints are not known or do not show it; else the reason is empty.
+    That is so of what may be a place and whose viewpoints are not known or do not show it; else the reason is empty.
     """
     reason = ""
     if gaussians.viewpoints:
@@ -88,10 +98,27 @@ def views_of(gaussians: Gaussians) -> tuple[Views, str]:
         count = len(gaussians.viewpoints)
         shown = f"{count} cameras show" if count > 1 else "one camera shows"
         reason = f"{shown} too little of them; are cameras those of this scene?"
-    elif is_uneven(sizes_about(gaussians)):
-        reason = "they show a place, and which of them pictures need follows from where people stand"
-        reason += "; --cameras makes the file smaller"
+    elif not is_surely_an_object(gaussians):
+        reason = "which of them pictures need follows from where people stand, and these are not surely an object"
+        reason += " seen from outside; --cameras makes the file smaller"
     return Views(views_about(gaussians, COUNT), views_about(gaussians, JUDGES, turned=1.0)), reason
+
+
+def is_surely_an_object(gaussians: Gaussians) -> bool:
+    """Whether people can only look at (N,) Gaussians from outside.
+
+    An object's Gaussians are about as large everywhere, end where it ends, and fill little of a view from afar. A place
+    has the distance behind it, and walls that hide it from outside or that enclose its middle.
+    """
+    means = gaussians.means.astype(np.float64)
+    away = np.linalg.norm(means - np.median(means, axis=0), axis=1)
+    most, nearly_all = np.percentile(away, (90, 99.9))
+    if nearly_all > LONGEST_TAIL * most or is_uneven(sizes_about(gaussians)):
+        return False
+    renderer = Renderer(gaussians, **DEFINITION)
+    outer = [camera.resized(64, 64) for camera in _outer_views(gaussians, OUTER, 0.0)]
+    covered = [(renderer.render(camera, outputs=("alpha",))["alpha"] > 0.5).mean() for camera in outer]
+    return bool(np.median(covered) <= MOST_COVERED) and not _is_room(gaussians, *_bulk(gaussians))
 
 
 def _views_through(gaussians: Gaussians) -> Views | None:
@@ -165,20 +192,31 @@ def views_about(gaussians: Gaussians, count: int, turned: float = 0.0) -> list[C
     They stand outside, some of them near, evenly on the sphere but for its poles; of a room, a third of all
     stand in its middle and look outwards.
     """
+    middle, diagonal = _bulk(gaussians)
+    inner = count // 3 if _is_room(gaussians, middle, diagonal) else 0
+    within = [_camera(middle, _on_the_sphere(n, inner, 0.5, turned), SIDE / 2, SIDE) for n in range(inner)]
+    return _outer_views(gaussians, count - inner, turned) + within
+
+
+def _bulk(gaussians: Gaussians) -> tuple[NDArray, float]:
+    """Middle (3,), world, and diagonal, scene units, of the bulk of (N,) Gaussians."""
+    low, high = np.percentile(gaussians.means.astype(np.float64), (5, 95), axis=0)
+    return (low + high) / 2 + gaussians.origin, float(np.linalg.norm(high - low)) or 1.0
+
+
+def _outer_views(gaussians: Gaussians, count: int, turned: float) -> list[Camera]:
+    """Those of `views_about` that stand outside."""
+    middle, diagonal = _bulk(gaussians)
     means = gaussians.means.astype(np.float64) + gaussians.origin
-    low, high = np.percentile(means, (5, 95), axis=0)
-    middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
     centre = np.median(means, axis=0)
     close = NEAR * float(np.median(np.linalg.norm(means - centre, axis=1))) or 1.0
-    inner = count // 3 if _is_room(gaussians, middle, diagonal) else 0
-    outer = count - inner
     cameras = []
-    for number in range(outer):
-        towards = _on_the_sphere(number, outer, STEEPEST, turned)
+    for number in range(count):
+        towards = _on_the_sphere(number, count, STEEPEST, turned)
         is_near = number % NEAR_EVERY == 2
         place = centre + close * towards if is_near else middle + FAR * diagonal * towards
         cameras.append(_camera(place, -towards, SIDE, SIDE))
-    return cameras + [_camera(middle, _on_the_sphere(n, inner, 0.5, turned), SIDE / 2, SIDE) for n in range(inner)]
+    return cameras
 
 
 def _on_the_sphere(number: int, count: int, steepest: float, turned: float = 0.0) -> NDArray:
