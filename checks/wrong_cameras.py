@@ -114,7 +114,7 @@ def with_fault(scene: Scene, images, fault, folder: Path, only: int | None, k1: 
         path = folder / f"{v}.png"
         Image.fromarray(np.ascontiguousarray(image)).save(path, compress_level=1)
         if k1:
-            lens = opencv_lens((K[0, 0], K[1, 1]), K[:2, 2], (k1, 0, 0, 0, 0, 0), image.shape[:2], fisheye=False)
+            lens = opencv_lens((K[0, 0], K[1, 1]), K[:2, 2], (k1, *7 * (0,)), image.shape[:2], fisheye=False)
             frames.append(Frame(lens.camera(c2w), path, lens=lens))
         else:
             frames.append(Frame(ts.Camera(K, c2w, image.shape[1], image.shape[0]), path))

@@ -169,6 +169,26 @@ def test_cameras_and_photos_are_those_that_were_written(written: tuple[Path, Pat
     np.testing.assert_array_equal(scene.images(), photos)
 
 
+def test_hidden_files_beside_every_file_change_nothing(written: tuple[Path, Path]) -> None:
+    """macOS leaves one beside each file on foreign disks; Windows and Finder leave others in each folder."""
+    folder = written[0] if written[0].is_dir() else written[0].parent
+    before = [frame.path for frame in load_scene(written[0]).frames]
+    for file in [path for path in folder.rglob("*") if path.is_file()]:
+        (file.parent / f"._{file.name}").write_bytes(bytes.fromhex("0005160700020000") + bytes(500))
+        for name in (".DS_Store", "Thumbs.db", "desktop.ini"):
+            (file.parent / name).write_bytes(b"x")
+    scene = load_scene(written[0])
+    assert [frame.path for frame in scene.frames] == before and len(scene.images()) == 3
+
+
+def test_endings_of_photos_may_be_written_otherwise(written: tuple[Path, Path]) -> None:
+    folder = written[0] if written[0].is_dir() else written[0].parent
+    wanted = load_scene(written[0]).images()
+    for photo in sorted(folder.glob("images/*.png")):
+        photo.rename(photo.with_suffix(".PNG"))
+    np.testing.assert_array_equal(load_scene(written[0]).images(), wanted)
+
+
 def test_depths_that_are_given_replace_the_scenes_own(written: tuple[Path, Path]) -> None:
     assert load_scene(written[0], near=1.25, far=20.0).depth_range() == (1.25, 20.0)
 

@@ -191,7 +191,7 @@ def test_wrong_focal_lengths_are_told_with_what_would_fit(tmp_path: Path, factor
 @pytest.mark.parametrize(("k1", "is_told"), [(50.0, True), (0.3, False)])
 def test_a_lens_that_there_is_not_is_told(tmp_path: Path, k1: float, is_told: bool) -> None:
     scene = walls(tmp_path, TURNED_OUT)
-    lens = opencv_lens((F, F), np.array([W / 2, H / 2]), (k1, 0, 0, 0, 0, 0), (H, W), fisheye=False)
+    lens = opencv_lens((F, F), np.array([W / 2, H / 2]), (k1, *7 * (0,)), (H, W), fisheye=False)
     frames = even_sizes([dataclasses.replace(f, camera=lens.camera(f.camera.c2w), lens=lens) for f in scene.frames])
     assert doubted(dataclasses.replace(scene, frames=tuple(frames)), "k1") is is_told
 

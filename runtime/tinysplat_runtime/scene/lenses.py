@@ -74,6 +74,15 @@ class Lens:
         )
         return np.ascontiguousarray(bitmap.to_array())
 
+    def scaled(self, width: int, height: int) -> Lens:
+        """The lens of the same photo at another size."""
+        x, y = width / self.width, height / self.height
+        is_one = self.model.startswith("SIMPLE_") or self.model in ("RADIAL", "RADIAL_FISHEYE")
+        factors = ((x + y) / 2, x, y) if is_one else (x, y, x, y)
+        rest = (1.0,) * (len(self.params) - len(factors))
+        params = tuple(value * factor for value, factor in zip(self.params, (*factors, *rest), strict=False))
+        return Lens(self.model, params, width, height)
+
     @cached_property
     def _distorted(self) -> Any:
         """The camera as pycolmap's, checked."""
@@ -120,21 +129,20 @@ def opencv_lens(
     Args:
         focal: fx, fy in pixels.
         centre: cx, cy in pixels.
-        distortion: k1, k2, k3, k4 and p1, p2; a fisheye has no p.
+        distortion: k1 to k6 and p1, p2, as OpenCV numbers them; a fisheye has k1 to k4 alone.
         size: (height, width) of the photo.
         fisheye: whether angles, not tangents, are what is distorted.
     """
-    k1, k2, k3, k4, p1, p2 = distortion
+    k1, k2, k3, k4, k5, k6, p1, p2 = distortion
     height, width = size
     base = (*focal, *centre)
     if fisheye:
-        if p1 or p2:
-            raise InputError(f"p1 {p1:g} and p2 {p2:g}, expected 0 in a fisheye camera", where="p1")
+        for name, value in {"p1": p1, "p2": p2, "k5": k5, "k6": k6}.items():
+            if value:
+                raise InputError(f"{name} {value:g}, expected 0 in a fisheye camera", where=name)
         return Lens("OPENCV_FISHEYE", (*base, k1, k2, k3, k4), width, height)
-    if k4:
-        raise InputError(f"{k4:g}, expected 0 unless the camera is a fisheye", where="k4")
-    if k3:
-        return Lens("FULL_OPENCV", (*base, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0), width, height)
+    if k3 or k4 or k5 or k6:
+        return Lens("FULL_OPENCV", (*base, k1, k2, p1, p2, k3, k4, k5, k6), width, height)
     if k1 or k2 or p1 or p2:
         return Lens("OPENCV", (*base, k1, k2, p1, p2), width, height)
     return Lens("PINHOLE", base, width, height)

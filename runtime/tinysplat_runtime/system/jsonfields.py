@@ -38,6 +38,8 @@ def parse_json(data: bytes) -> Any:
         return json.loads(data)
     except RecursionError:
         raise InputError("JSON nested too deeply") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"byte {error.start} is not of UTF-8, which JSON is written in: save it as such") from None
     except ValueError as error:
         digits = re.match(r"Exceeds the limit \((\d+) digits\)", str(error))
         fault = f"a number of more than {digits[1]} digits" if digits else f"not JSON ({error})"

@@ -26,6 +26,7 @@ from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 from .inria import inria_cameras, inria_frames
+from .photos import find_photo, present
 
 CAMERAS_FILE = "cameras.json"
 
@@ -40,10 +41,10 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
         document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
             return Scene(file.parent, tuple(inria_frames(file.parent, document)), near, far)
-        frames = [
-            Frame(_camera(i, e), file.parent / photo_name(i, e), taken_with=_taken_with(i, e))
-            for i, e in enumerate(frame_entries(as_object(document)))
-        ]
+        entries = frame_entries(as_object(document))
+        photos = [find_photo(file.parent, photo_name(i, entry)) for i, entry in enumerate(entries)]
+        frames = [Frame(_camera(i, e), photos[i], taken_with=_taken_with(i, e)) for i, e in enumerate(entries)]
+        frames = [frames[i] for i in present(photos, str(file))]
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
     except InputError as error:

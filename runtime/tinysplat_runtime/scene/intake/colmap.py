@@ -1,8 +1,9 @@
 """COLMAP models, text and binary, through the package pycolmap (extra `poses`).
 
-A project folder holds the photos in `images/` and a model in `sparse/0`, `sparse` or `colmap/sparse/0`; a folder with
-the model's own files works as well, its photos beside it. The depth range is that of the points which the photos
-observe. Pixel centres lie at halves and axes are OpenCV's, as here, so that nothing is converted.
+A project folder holds the photos in `images/` and a model in `sparse/0`, or in another of `MODEL_FOLDERS`; a folder
+with the model's own files works as well, its photos beside it. Of several models the largest is read. The depth range
+is that of the points which the photos observe, if there are any. Pixel centres lie at halves and axes are OpenCV's, as
+here, so that nothing is converted.
 
 Trust boundary: on a damaged model pycolmap ends its process in place of raising, or takes all memory. It therefore
 reads in a process of its own (`colmap_worker`), which hands over arrays, and only where `colmap_binary` found no
@@ -14,35 +15,73 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...errors import InputError, warn
 from ..cameras import Camera
 from ..lenses import INSTALL, Lens
 from ..scenes import Frame, Scene, even_sizes
 from .colmap_binary import check_counts
 from .depths import depth_range_in_view, observed_range
+from .photos import check_inside, find_folder, find_photo, lens_of_copy, present
 
-MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-PHOTO_FOLDERS = ("images", ".", "../images", "../../images", "../../../images")
+MODEL_FOLDERS = (
+    "sparse", "sparse/*", "colmap/sparse", "colmap/sparse/*", "dense/sparse", "dense/*/sparse", "colmap",
+)  # fmt: skip
+"""Where tools put models, the likelier first; a folder may be a model itself, too."""
 
-_NEEDED = ("cameras", "images", "points3D")
+_MOST_MODELS = 200
+_NEEDED = ("cameras", "images")
+_HEADER = re.compile(rb"#\s*Number of images:\s*(\d{1,9})")
+_HEADER_BYTES = 1000
+_FAULTS = {
+    "VerifyParams": "cameras: parameters that are not those of the camera's model",
+    "Rig with ID|Camera": "images name a camera that is not among the cameras",
+    "std::bad_alloc|Memory": "it takes more memory than models of its size do",
+}
+"""What pycolmap means by what it says; all else is `_FAULT`."""
+
+_FAULT = "cameras, images or points3D hold what is no number, or do not go with each other"
 _NO_PYCOLMAP = 3  # exit status of the worker
 
 
 def model_folder(folder: Path) -> Path | None:
-    """Where a project folder keeps its model, or None."""
-    for name in MODEL_FOLDERS:
-        for suffix in (".bin", ".txt"):
-            if all((folder / name / f"{part}{suffix}").is_file() for part in _NEEDED):
-                return folder / name
-    return None
+    """Where a project folder keeps its largest model, or None."""
+    return max(_models(folder), key=_size, default=None)
+
+
+def _models(folder: Path) -> list[Path]:
+    """Folders with a model, the likelier first."""
+    inside = (place for pattern in MODEL_FOLDERS for place in sorted(folder.glob(pattern)))
+    named = (place for place in inside if not place.name.startswith("."))
+    return [place for place in (*islice(named, _MOST_MODELS), folder) if _suffix(place)]
+
+
+def _suffix(model: Path) -> str:
+    """`.bin` or `.txt`, where a folder has a model, else nothing."""
+    having = (end for end in (".bin", ".txt") if all((model / f"{part}{end}").is_file() for part in _NEEDED))
+    return next(having, "")
+
+
+def _size(model: Path) -> int:
+    """About how many photos a model has: exactly where it is binary."""
+    file = model / f"images{_suffix(model)}"
+    try:
+        with file.open("rb") as stream:
+            if file.suffix == ".bin":
+                return min(int.from_bytes(stream.read(8), "little"), file.stat().st_size)
+            return sum(not line.startswith(b"#") for line in stream) // 2
+    except OSError:
+        return 0
 
 
 def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
@@ -54,14 +93,17 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
     model = model_folder(folder)
     if model is None:
         raise InputError(f"no COLMAP model in {', '.join(MODEL_FOLDERS)}", where=str(folder))
+    _say_others(folder, model)
     arrays = _read_apart(model)
     entries = json.loads(arrays["entries"].tobytes())
     if not entries:
         raise InputError("a model without a photo that has a pose", where=str(model))
     order = sorted(range(len(entries)), key=lambda i: entries[i]["name"])
-    photos = _photo_folder(folder, model, entries[order[0]]["name"])
     try:
-        frames = [_frame(photos, entries[i]) for i in order]
+        for entry in entries:
+            check_inside(entry["name"], "images")
+        photos = _photos(folder, model, [entries[i]["name"] for i in order])
+        frames = [_frame(photos[i], entries[order[i]]) for i in present(photos, str(model))]
     except InputError as error:
         raise error.within(str(model)) from None
     w2c = np.stack([np.array(entry["w2c"]) for entry in entries])  # (V, 3, 4)
@@ -70,6 +112,19 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
         depths = depth_range_in_view(arrays["points"], [frame.camera for frame in frames])
     near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
     return Scene(folder, even_sizes(frames), near, far)
+
+
+def _say_others(folder: Path, model: Path) -> None:
+    """Say which other models there are that have other photos, and how many a text's header promises."""
+    sizes = {place: _size(place) for place in _models(folder)}
+    if smaller := [place for place, size in sizes.items() if size < sizes[model]]:
+        others = ", ".join(f"{place.relative_to(folder)} has {sizes[place]} photos" for place in smaller[:3])
+        warn(f"{folder}: reads {model.relative_to(folder)}, with {sizes[model]} photos the largest model; {others}")
+    if _suffix(model) == ".txt":
+        with (model / "images.txt").open("rb") as file:
+            stated = _HEADER.search(file.read(_HEADER_BYTES))
+        if stated and int(stated[1]) > sizes[model]:
+            warn(f"{model}: {sizes[model]} photos, but the header of images.txt says that they are {int(stated[1])}")
 
 
 def _read_apart(model: Path) -> dict[str, NDArray]:
@@ -81,34 +136,35 @@ def _read_apart(model: Path) -> dict[str, NDArray]:
     if done.returncode == _NO_PYCOLMAP:
         raise InputError(f"COLMAP models need pycolmap; {INSTALL}", where=str(model))
     if done.returncode:
-        lines = done.stderr.decode(errors="replace").strip().splitlines()
-        reason = lines[-1][:120] if done.returncode > 0 and lines else "pycolmap cannot read it"
+        said = done.stderr.decode(errors="replace")
+        reason = next((ours for theirs, ours in _FAULTS.items() if re.search(theirs, said)), _FAULT)
         raise InputError(f"damaged COLMAP model ({reason})", where=str(model))
     with np.load(io.BytesIO(done.stdout)) as arrays:
         return dict(arrays)
 
 
-def _photo_folder(folder: Path, model: Path, name: str) -> Path:
-    """The folder that photo names are relative to: the first that has the first photo."""
-    roots = [folder / "images", *(model / place for place in PHOTO_FOLDERS)]
-    return next((root for root in roots if (root / name).is_file()), roots[0])
+def _photos(folder: Path, model: Path, names: Sequence[str]) -> list[Path]:
+    """Where the photos of these names lie: in the folder nearest to the model that has one of them."""
+    above = [Path(os.path.normpath(model / up)) for up in ("", "..", "../..", "../../..")]
+    roots = [root for place in above for root in (find_folder(place, "images"), place) if root is not None]
+    for root in roots:
+        photos = [find_photo(root, name) for name in names]
+        if any(photo.is_file() for photo in photos):
+            return photos
+    return [folder / "images" / name for name in names]
 
 
 _lens = lru_cache(maxsize=256)(Lens)
 """One object for all photos of a camera: finding its camera without distortion takes 4 ms at 4000×3000."""
 
 
-def _frame(photos: Path, entry: dict[str, object]) -> Frame:
-    name = str(entry["name"])
-    for path in (PurePosixPath(name), PureWindowsPath(name)):
-        if path.anchor or ".." in path.parts:
-            raise InputError(f"'{name[:60]}' leaves the folder of the photos", where="images")
+def _frame(photo: Path, entry: dict[str, object]) -> Frame:
     camera = entry["camera"]
     assert isinstance(camera, dict)  # written by our own worker
     w2c = np.vstack([np.array(entry["w2c"]), [0, 0, 0, 1]])
     try:
-        lens = _lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
+        lens = lens_of_copy(_lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"]), photo)
         seen: Camera = lens.camera(np.linalg.inv(w2c))
     except InputError as error:
-        raise error.within(name) from None
-    return Frame(seen, photos / name, lens=None if lens.is_pinhole else lens)
+        raise error.within(str(entry["name"])) from None
+    return Frame(seen, photo, lens=None if lens.is_pinhole else lens)

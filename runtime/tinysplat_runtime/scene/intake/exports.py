@@ -60,7 +60,7 @@ def _reader(there: Path, document: Callable[[Path], dict[str, Any]]) -> Reader:
 def _polycam(cameras: Path) -> dict[str, Any]:
     photos = f"{POLYCAM}/{cameras.name.replace('cameras', 'images')}"
     frames = []
-    for file in sorted(cameras.glob("*.json")):
+    for file in sorted(file for file in cameras.glob("*.json") if not file.name.startswith(".")):
         try:
             entry = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
             names = {"fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy", "w": "width", "h": "height"}

@@ -3,7 +3,7 @@
     [{"id": 0, "img_name": "00001", "width": 1957, "height": 1091, "position": [3], "rotation": [3x3], "fx", "fy"}, …]
 
 `position` is the camera's centre and `rotation` turns its axes, which are OpenCV's, to the world's; the principal point
-is the middle. Photos are sought in `images/` and beside the file, with the endings that names lack. Source: Kerbl et
+is the middle. Photos are sought in `images/` and beside the file. Source: Kerbl et
 al. 2023, `utils/camera_utils.py`, `camera_to_JSON`.
 """
 
@@ -18,9 +18,9 @@ import numpy as np
 from ...errors import InputError
 from ...system.jsonfields import kind_of, photo_name
 from ..cameras import Camera, finite_array
-from ..images import PHOTO_SUFFIXES
 from ..lenses import intrinsics
 from ..scenes import Frame
+from .photos import find_photo, present
 
 
 def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
@@ -29,10 +29,11 @@ def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
     Raises:
         InputError: names the entry and the field at fault.
     """
-    return [
-        Frame(camera, _photo(folder, photo_name(i, entry, "img_name")))
-        for i, (camera, entry) in enumerate(zip(inria_cameras(entries), entries, strict=True))
-    ]
+    cameras = inria_cameras(entries)
+    names = [photo_name(i, entry, "img_name") for i, entry in enumerate(entries)]
+    beside = [folder if find_photo(folder, name).is_file() else folder / "images" for name in names]
+    photos = [find_photo(place, name) for place, name in zip(beside, names, strict=True)]
+    return [Frame(cameras[i], photos[i]) for i in present(photos, str(folder))]
 
 
 def inria_cameras(entries: list[Any]) -> list[Camera]:
@@ -60,8 +61,3 @@ def _camera(where: str, entry: Any) -> Camera:
         return Camera(intrinsics(entry["fx"], entry["fy"], width / 2, height / 2), c2w, width, height)
     except InputError as error:
         raise InputError(error.message, where=f"{where}.{error.where}") from None
-
-
-def _photo(folder: Path, name: str) -> Path:
-    candidates = [place / (name + suffix) for place in (folder / "images", folder) for suffix in ("", *PHOTO_SUFFIXES)]
-    return next((path for path in candidates if path.is_file()), candidates[0])

@@ -18,6 +18,7 @@ from .colmap import load_colmap, model_folder
 from .exports import Reader, export_reader
 from .llff import LLFF_FILE, load_llff
 from .nerfstudio import BLENDER_FILE, FILE, load_transforms
+from .photos import photos_in
 from .realestate import load_realestate
 
 NOT_READ = {
@@ -107,15 +108,8 @@ def _cameras_file(path: Path) -> Path:
         )
         inner = (folder for pattern in ("*", "*/*") for folder in sorted(path.glob(pattern)) if folder.is_dir())
         folders = [path, *islice(inner, _MOST_FOLDERS)]  # two levels deep: where tools keep their photos
-        photos, folder = max(((_photos_in(folder), folder) for folder in folders), key=lambda pair: pair[0])
+        photos, folder = max(((len(photos_in(folder)), folder) for folder in folders), key=lambda pair: pair[0])
         only = ", only photos" if photos and folder == path else ""
         advice = f"{only}; `tinysplat poses {folder} -o SCENE` finds the photos' cameras" if photos else ""
         raise InputError(f"{tool}no {ACCEPTED} in this folder{advice}", where=str(path))
     return path / CAMERAS_FILE if path.is_dir() else path
-
-
-def _photos_in(folder: Path) -> int:
-    try:
-        return sum(file.suffix.lower() in PHOTO_SUFFIXES for file in folder.iterdir())
-    except OSError:  # not ours to read
-        return 0

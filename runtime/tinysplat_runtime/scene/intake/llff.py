@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...system.files import parsing, read_limited
 from ..cameras import Camera
-from ..images import PHOTO_SUFFIXES, image_size
+from ..images import image_size
 from ..lenses import intrinsics
 from ..scenes import Frame, Scene
+from .photos import find_folder, photos_in
 
 LLFF_FILE = "poses_bounds.npy"
 
@@ -36,7 +37,7 @@ def load_llff(folder: Path, near: float | None, far: float | None) -> Scene:
     """
     file = folder / LLFF_FILE
     rows = _rows(file)
-    photos = sorted(path for path in (folder / PHOTOS).glob("*") if path.suffix.lower() in PHOTO_SUFFIXES)
+    photos = photos_in(find_folder(folder, PHOTOS) or folder / PHOTOS)
     if len(photos) != len(rows):
         raise InputError(f"{len(rows)} poses for {len(photos)} photos in {PHOTOS}/, expected one each", where=str(file))
     frames = tuple(

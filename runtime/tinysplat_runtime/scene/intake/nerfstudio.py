@@ -1,9 +1,10 @@
 """`transforms.json`, as NeRF (there `transforms_train.json`), instant-ngp and nerfstudio write it.
 
 Poses are camera to world with OpenGL axes (x right, y up, z backward). Intrinsics stand at the top or in a frame, which
-wins: `fl_x fl_y cx cy w h`, or the angle of view `camera_angle_x`; distortion `k1 k2 k3 k4 p1 p2` is OpenCV's, a
-fisheye's where `camera_model` or `is_fisheye` says so. The depth range is that of the points in `ply_file_path`, in
-the coordinates of the poses. Source: docs.nerf.studio, "Data conventions"; instant-ngp, docs/nerf_dataset_tips.md.
+wins: `fl_x fl_y cx cy w h`, or the angle of view `camera_angle_x`; distortion `k1 … k6 p1 p2` is OpenCV's, a fisheye's
+where `camera_model` or `is_fisheye` says so. The depth range is that of the points in `ply_file_path`, in the
+coordinates of the poses; without points that can be read it is found later. Source: docs.nerf.studio, "Data
+conventions"; instant-ngp, docs/nerf_dataset_tips.md.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from numpy.typing import NDArray
 from ...errors import InputError, warn
 from ...system.files import parsing, read_limited
 from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
+from ...system.ply import ply_elements
 from ..cameras import Camera, finite_array
 from ..images import image_size
 from ..lenses import Lens, opencv_lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene, even_sizes
 from .depths import depth_range_in_view
+from .photos import find_photo, lens_of_copy, present
 
 FILE = "transforms.json"
 BLENDER_FILE = "transforms_train.json"  # the synthetic scenes of NeRF have one for each use
@@ -30,8 +33,10 @@ BLENDER_FILE = "transforms_train.json"  # the synthetic scenes of NeRF have one 
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Right factor of a camera-to-world matrix that turns its camera axes."""
 
-_PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_SUFFIXES = (".png", ".jpg", ".jpeg")  # for names without one, as in the synthetic NeRF scenes
+_PERSPECTIVE = ("OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+_DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_MAX_POINTS_BYTES = 4 << 30
 
 
 def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
@@ -60,22 +65,15 @@ def frames_of(folder: Path, document: dict[str, Any], named: str) -> tuple[Frame
     Raises:
         InputError: names the frame and its field.
     """
-    entries = list(enumerate(frame_entries(document)))
-    photos = [_photo(folder, photo_name(i, entry, "file_path")) for i, entry in entries]
-    missing = [photo for photo in photos if not photo.is_file()]
-    left_out = set(missing) if len(missing) < len(photos) else set()
-    if left_out:
-        text = f"{len(missing)} of {len(photos)} photos are not there and left out"
-        names = ", ".join(photo.name for photo in missing[:3]) + (", …" if len(missing) > 3 else "")
-        warn(f"{named}: {text} ({names})")
-    chosen = zip(entries, photos, strict=True)
-    return even_sizes([_frame(folder, document, *one, photo) for one, photo in chosen if photo not in left_out])
+    entries = frame_entries(document)
+    photos = [find_photo(folder, photo_name(i, entry, "file_path")) for i, entry in enumerate(entries)]
+    return even_sizes([_frame(folder, document, i, entries[i], photos[i]) for i in present(photos, named)])
 
 
 def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any], photo: Path) -> Frame:
     fields = {**document, **entry}
     try:
-        lens = _lens(fields, photo)
+        lens = lens_of_copy(_lens(fields, photo), photo)
         camera = lens.camera(_pose(entry))
     except InputError as error:
         if error.where and error.where.startswith(str(folder)):
@@ -83,11 +81,6 @@ def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any]
         where = f"frames[{i}].{error.where}" if error.where else f"frames[{i}]"
         raise InputError(error.message, where=where) from None
     return Frame(camera, photo, lens=None if lens.is_pinhole else lens)
-
-
-def _photo(folder: Path, name: str) -> Path:
-    candidates = [folder / (name + suffix) for suffix in ("", *_SUFFIXES)]
-    return next((candidate for candidate in candidates if candidate.is_file()), candidates[0])
 
 
 def _pose(entry: dict[str, Any]) -> NDArray:
@@ -102,12 +95,12 @@ def _pose(entry: dict[str, Any]) -> NDArray:
 
 def _lens(fields: dict[str, Any], photo: Path) -> Lens:
     model = fields.get("camera_model", "OPENCV")
-    fisheye = model == "OPENCV_FISHEYE" or fields.get("is_fisheye") is True
-    if model not in (*_PERSPECTIVE, "OPENCV_FISHEYE"):
-        fault = f"{str(model)[:40]}, expected one of {', '.join(_PERSPECTIVE)}, OPENCV_FISHEYE"
+    fisheye = model in _FISHEYES or fields.get("is_fisheye") is True
+    if model not in (*_PERSPECTIVE, *_FISHEYES):
+        fault = f"{str(model)[:40]}, expected one of {', '.join((*_PERSPECTIVE, *_FISHEYES))}"
         raise InputError(fault, where="camera_model")
     size = _size(fields, photo)
-    distortion = [_number(fields, name, 0.0) for name in ("k1", "k2", "k3", "k4", "p1", "p2")]
+    distortion = [_number(fields, name, 0.0) for name in _DISTORTION]
     centre = (_number(fields, "cx", size[1] / 2), _number(fields, "cy", size[0] / 2))
     return opencv_lens(_focal(fields, size), centre, distortion, size, fisheye=fisheye)
 
@@ -151,17 +144,22 @@ def _number(fields: dict[str, Any], name: str, default: float) -> float:
 def _depths_of_points(
     folder: Path, document: dict[str, Any], cameras: list[Camera]
 ) -> tuple[float | None, float | None]:
-    """The depth range of the scene's point cloud; (None, None) where there is none, or no package to read it."""
-    if "ply_file_path" not in document:
+    """The depth range of the scene's point cloud; (None, None) where there is none, or none that can be read: a scene
+    goes on without its points, and says so.
+    """
+    named = document.get("ply_file_path")
+    if named is None:
         return None, None
-    file = folder / photo_name(0, document, "ply_file_path")
     try:
-        import plyfile
+        file = find_photo(folder, photo_name(0, document, "ply_file_path"))
+        if not file.is_file():
+            raise InputError("no such file")
+        vertex = ply_elements(file, _MAX_POINTS_BYTES).get("vertex")
+        with parsing("point cloud"):
+            points = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)  # type: ignore[index]
     except ImportError:
         return None, None
-    if not file.is_file():
+    except InputError as error:
+        warn(f"{folder}: points of {str(named)[:60]} are left out ({error.message}); depths are found from the photos")
         return None, None
-    with parsing("point cloud"):
-        vertex = plyfile.PlyData.read(str(file))["vertex"]
-        points = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     return depth_range_in_view(points, cameras)

@@ -22,10 +22,10 @@ from ..footage import open_video
 from ..images import image_size
 from ..lenses import intrinsics
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
+from .photos import find_photo
 
 VALUES = 19
 MICROSECONDS = 1_000_000  # time stamps of a second
-_SUFFIXES = (".jpg", ".png", ".jpeg")
 
 
 def load_realestate(file: Path, near: float | None, far: float | None, video: Path | None = None) -> Scene:
@@ -86,8 +86,7 @@ def _values(line: str, where: str) -> tuple[str, list[float]]:
 
 
 def _photo(folders: list[Path], stamp: str) -> Path | None:
-    names = [folder / f"{stamp}{suffix}" for folder in folders for suffix in _SUFFIXES]
-    return next((name for name in names if name.is_file()), None)
+    return next((photo for folder in folders if (photo := find_photo(folder, stamp)).is_file()), None)
 
 
 def pose_of(row: Sequence[float] | NDArray) -> NDArray:

@@ -1,0 +1,125 @@
+"""Photos by the names that other tools gave them, in folders as they are now.
+
+A name that fits exactly wins. Else backslashes are those of Windows, the case of letters and the way in which accents
+are written do not matter, endings may be left out or another photo's, and of a folder `images` that is not there its
+smaller copies are taken (`images_2`, `images_4`, `images_8`). Names that begin with a dot are nobody's photos: macOS
+leaves such files on foreign disks.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from ...errors import InputError, warn
+from ..images import PHOTO_SUFFIXES, image_size
+from ..lenses import Lens
+
+SMALLER = {"images": ("images_2", "images_4", "images_8")}
+"""Folders of the same photos, reduced, which stand in for one that is not there."""
+
+_MASKS = (".mask", *PHOTO_SUFFIXES)  # of a photo's name, before the ending of its mask
+
+
+def photos_in(folder: Path) -> list[Path]:
+    """The photos of a folder, in the order of their names; none where it cannot be read."""
+    try:
+        return sorted(path for path in folder.iterdir() if is_photo(path.name))
+    except OSError:
+        return []
+
+
+def is_photo(name: str) -> bool:
+    """Whether a file of this name is somebody's photo."""
+    return not name.startswith(".") and Path(name).suffix.lower() in PHOTO_SUFFIXES
+
+
+def find_photo(folder: Path, name: str) -> Path:
+    """Where the photo of a name lies that is relative to a folder; without one, where it should."""
+    exact = folder / name
+    if exact.is_file():
+        return exact
+    found: Path | None = folder
+    *parts, last = name.replace("\\", "/").split("/")
+    for part in parts:
+        found = found and find_folder(found, part)
+    found = found and _find_file(found, last)
+    return found or exact
+
+
+def find_folder(folder: Path, name: str) -> Path | None:
+    """The folder of a name in another, in whatever case, or what stands in for it; None where there is none."""
+    if name in ("", "."):
+        return folder
+    candidates = [name, *_listing(folder).get(_plain(name), ()), *SMALLER.get(name.lower(), ())]
+    return next((path for path in (folder / candidate for candidate in candidates) if path.is_dir()), None)
+
+
+def _find_file(folder: Path, name: str) -> Path | None:
+    """The photo of a name in a folder, its ending left out or that of another photo."""
+    path = Path(name)
+    stem = path.stem if path.suffix.lower() in PHOTO_SUFFIXES else name
+    names = [name, *(stem + suffix for suffix in PHOTO_SUFFIXES)]
+    candidates = (other for wanted in names for other in (wanted, *_listing(folder).get(_plain(wanted), ())))
+    return next((path for path in (folder / candidate for candidate in candidates) if path.is_file()), None)
+
+
+def _listing(folder: Path) -> dict[str, list[str]]:
+    """Names in a folder by what is left of them where case and accents do not matter."""
+    try:
+        return _listed(folder, folder.stat().st_mtime_ns)
+    except OSError:
+        return {}
+
+
+@lru_cache(maxsize=16)
+def _listed(folder: Path, changed: int) -> dict[str, list[str]]:
+    by_name = defaultdict(list)
+    for path in sorted(folder.iterdir()):
+        by_name[_plain(path.name)].append(path.name)
+    return dict(by_name)
+
+
+def _plain(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def lens_of_copy(lens: Lens, photo: Path) -> Lens:
+    """The lens of a photo, or of its smaller copy, where it lies among such and has the photo's shape."""
+    if photo.parent.name not in {name for names in SMALLER.values() for name in names}:
+        return lens
+    height, width = image_size(photo)
+    if (width, height) == (lens.width, lens.height) or abs(width * lens.height / lens.width - height) > 1:
+        return lens
+    return lens.scaled(width, height)
+
+
+def present(photos: Sequence[Path], where: str) -> list[int]:
+    """Which of a scene's photos are there, by their indices; the others are said. All where none is, as beside a video.
+
+    Photos that lie beside them and are not of the scene are counted, too.
+    """
+    missing = [i for i, photo in enumerate(photos) if not photo.is_file()]
+    if len(missing) == len(photos):
+        return [*range(len(photos))]
+    if missing:
+        names = ", ".join(photos[i].name for i in missing[:3]) + (", …" if len(missing) > 3 else "")
+        warn(f"{where}: {len(missing)} of {len(photos)} photos are not there and left out ({names})")
+    kept = [i for i in range(len(photos)) if i not in set(missing)]
+    used = {photos[i] for i in kept}
+    folders = sorted({photo.parent for photo in used})
+    there = {path for folder in folders for path in photos_in(folder) if not path.stem.lower().endswith(_MASKS)} | used
+    if len(there) > len(used):
+        place = f"{folders[0].name}/" if len(folders) == 1 else f"{len(folders)} folders"
+        warn(f"{where}: {len(used)} of {len(there)} photos in {place} have a camera; the others are not used")
+    return kept
+
+
+def check_inside(name: str, where: str) -> None:
+    """InputError where a photo's name would leave its folder, on any system."""
+    for path in (PurePosixPath(name), PureWindowsPath(name)):
+        if path.anchor or ".." in path.parts:
+            raise InputError(f"'{name[:60]}' leaves the folder of the photos", where=where)
