@@ -138,7 +138,7 @@ def main() -> None:
             sets.append(("spread 12", dataclasses.replace(scene.views(spread), near=None, far=None)))
         for kind, chosen in sets:
             try:
-                ready = prepared(EncodeRequest(chosen), lambda text: None)
+                ready = prepared(EncodeRequest(chosen))
             except InputError as error:
                 print(f"{folder.name} {kind}: refused, {error}")
                 continue
@@ -161,7 +161,7 @@ def main() -> None:
                 continue
             window = scene.views(views)
             if window.near is None:
-                window = prepared(EncodeRequest(window), lambda text: None)
+                window = prepared(EncodeRequest(window))
             images = [np.rint(255 * image).astype(np.uint8) for image in window.images()]
             for name, (fault, words) in FAULTS.items():
                 if name.startswith("one ") and size == "pair":

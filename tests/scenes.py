@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_
 from tinysplat_runtime.render import DEFINITION, between, render
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.system.told import Kind, Told
 
 NEAR, FAR = 1.5, 8.0
 
@@ -297,6 +298,25 @@ def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) ->
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 500
     return message
+
+
+class Heard(Told):
+    """Keeps what it is told: kinds and lines, and the labels of steps."""
+
+    listens = True
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+        self.lines: list[str] = []
+        self.steps: list[str] = []
+
+    def say(self, kind: Kind, text: str, where: object = "") -> None:
+        self.kinds.append(kind)
+        self.lines += [f"{where}: {text}" if where else text] * (kind != "step")
+
+    def progress(self, label: str, items: Iterable[Any], note: object = str, total: int | None = None) -> Iterator[Any]:
+        self.steps.append(label)
+        return iter(items)
 
 
 def tells(message: str, words: str) -> bool:

@@ -24,6 +24,7 @@ from .system.files import StrPath, read_limited, write_atomically
 from .system.printable import type_of
 from .system.stopwatch import Stopwatch
 from .system.threads import available_cores
+from .system.told import Kind, Told
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
@@ -108,12 +109,12 @@ class Runtime:
             ModelError: no such network, or one that breaks its contract.
             NumericError: the network's output is not finite.
         """
-        from .recipe import stages
+        from .graphs.ways import Way
         from .scene.scenes import Scene
 
         _check(scene, Scene, "scene", "a Scene, which `load_scene` reads")
-        way = stages.Way.of(scene, model, self, whole=whole, joint=joint)
-        return stages.predict(scene, model, self, way, watch=watch)
+        way = Way.of(scene, model, self.store, threads=self.threads, whole=whole, joint=joint)
+        return way.predicted(scene, watch or Stopwatch())
 
     def refine(
         self,
@@ -216,13 +217,13 @@ class Runtime:
                 memory does not suffice for, and what `predict` and `compress` refuse.
             ModelError, NumericError: as `predict` and `compress`.
         """
-        from .recipe.encode import Listener, encode, encode_predicted
+        from .recipe.encode import encode, encode_predicted
         from .recipe.request import EncodeRequest
 
         request = EncodeRequest.of(scene, model=model, profile=profile, qp=qp, **options)
         if gaussians is not None:
             return encode_predicted(request, gaussians, self, stats=stats)
-        return encode(request, self, Listener(doubt=_warn), stats=stats).data
+        return encode(request, self, _Warner(), stats=stats).data
 
     def decompress(
         self,
@@ -346,9 +347,14 @@ class Runtime:
         return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
 
 
-def _warn(scene: Scene, text: str) -> None:
-    """A doubt as a warning."""
-    warn(f"{scene.path}: {text}", SceneWarning)
+class _Warner(Told):
+    """Doubts become warnings."""
+
+    listens = True
+
+    def say(self, kind: Kind, text: str, where: StrPath = "") -> None:
+        if kind == "doubt":
+            warn(f"{where}: {text}", SceneWarning)
 
 
 def _check(value: object, kinds: Any, where: str, expected: str) -> None:

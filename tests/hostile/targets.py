@@ -20,7 +20,8 @@ from scenes import make_cameras
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians, read_file
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
-from tinysplat_runtime.codec.profiles import EncoderSettings
+from tinysplat_runtime.codec.job import EncodeStats, Job
+from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, EncoderSettings, find_profile
 from tinysplat_runtime.codec.recode import encode_like
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.reader import read_container
@@ -274,7 +275,8 @@ def _like(rng: Random) -> None:
     scene = decode_gaussians(seed.data, _store(), threads=1)
     if rng.random() < 0.5:
         scene.opacities[:, ::2] = 0.5
-    coded = encode_like(scene, data, _store(), threads=1, limits=LIMITS)
+    job = Job(scene, find_profile(DEFAULT_PROFILE), 0.0, _store(), 1, EncodeStats())
+    coded = encode_like(job, data, LIMITS)
     check_decoded(decode_gaussians(coded, _store(), threads=1))
 
 

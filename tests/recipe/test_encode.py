@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from networks.two_planes import trace, write_traced
-from scenes import make_smooth_gaussians, refusing, tells, write_scene
+from scenes import Heard, make_smooth_gaussians, refusing, tells, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.recipe.encode import Listener, encode
+from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.request import EncodeRequest
 
 VIEWS, HEIGHT, WIDTH = 7, 500, 660
@@ -101,20 +101,15 @@ def test_python_refuses_what_memory_does_not_suffice_for(many: Path, free_memory
 
 def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) -> None:
     scene = ts.load_scene(write_scene(tmp_path / "noise", views=2, height=32, width=48))
-    told: list[object] = []
-    listener = Listener(
-        doubt=lambda scene, text: told.append("doubt"),
-        working=lambda label: told.append("working") or warnings.catch_warnings(),  # any context
-        refined=lambda stats: told.append(stats.steps),
-    )
-    coded = encode(EncodeRequest(scene, model="sweep", save_gaussians=tmp_path / "g.npz"), RUNTIME, listener, keep=True)
+    heard = Heard()
+    coded = encode(EncodeRequest(scene, model="sweep", save_gaussians=tmp_path / "g.npz"), RUNTIME, heard, keep=True)
     assert ts.load_gaussians(tmp_path / "g.npz").opacities.shape == (2, 32, 48)
-    work = told.index("working")
-    assert told[:work] == ["doubt"] * len(coded.doubts) and work > 0
-    assert told[work:] == ["working", "working"] and coded.refinement is None
-    told.clear()
-    coded = encode(EncodeRequest(scene, model="sweep", refine=1), RUNTIME, listener, keep=True)
-    assert told.index("working") < told.index(1)
+    assert heard.kinds[-2:] == ["step", "step"] and heard.kinds.count("doubt") == len(coded.doubts) > 0
+    assert coded.refinement is None
+    coded = encode(EncodeRequest(scene, model="sweep", refine=1), RUNTIME, heard, keep=True)
+    assert (
+        heard.kinds[-3:] == ["step", "done", "step"] and coded.refinement and heard.lines[-1] == coded.refinement.text
+    )
     assert coded.refinement and coded.refinement.steps == 1 and coded.stats.watch.seconds["refine"] > 0
     assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None

@@ -10,19 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import make_gaussians, make_smooth_gaussians, refusing, tells
+from scenes import Heard, make_gaussians, make_smooth_gaussians, refusing, tells
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.graphs.ways import OneByOne
 from tinysplat_runtime.recipe.memory import check_memory
 from tinysplat_runtime.recipe.own import looked_at, near_of, own_psnr
 from tinysplat_runtime.recipe.refinement import chosen
 from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.recipe.stages import Way
 from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 Says = Callable[..., None]
-WAY = Way(None, is_each=True)
+WAY = OneByOne(ts.Runtime(threads=1).store, "edge", 1)
 
 
 def capture(count: int, height: int, width: int) -> Scene:
@@ -63,10 +63,10 @@ def test_of_a_capture_that_fits_on_the_disk_memory_holds_little(
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     for refined in (False, True):
         monkeypatch.setenv("TMPDIR", str(tmp_path))
-        on_disk = needed(many, free_memory, each=True, refined=refined)
-        assert on_disk < 2.5 * needed(few, free_memory, each=True, refined=refined)  # of five times as many
+        on_disk = needed(many, free_memory, way=WAY, refined=refined)
+        assert on_disk < 2.5 * needed(few, free_memory, way=WAY, refined=refined)  # of five times as many
         monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-        assert needed(many, free_memory, each=True, refined=refined) > on_disk
+        assert needed(many, free_memory, way=WAY, refined=refined) > on_disk
 
 
 @pytest.mark.parametrize("count", [2, 6, 100])
@@ -129,29 +129,29 @@ def test_a_band_across_large_photos_is_drawn_with_all_that_shows_in_it() -> None
 def test_captures_are_refined_unless_somebody_says_otherwise(asked, wanted, free_memory: Says) -> None:
     free_memory(int(60e9))
     for count in (2, 40):
-        lines: list[str] = []
-        found = chosen(EncodeRequest(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, lines.append)
+        heard = Heard()
+        found = chosen(EncodeRequest(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, heard)
         assert found == (wanted if asked or count > 6 else None)
-        assert any("--no-refine" in line for line in lines) == (not asked and count > 6)
+        assert any("--no-refine" in line for line in heard.lines) == (not asked and count > 6)
 
 
 def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
     free_memory: Says, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-    scene, lines = capture(40, 480, 640), list[str]()
+    scene, heard = capture(40, 480, 640), Heard()
     request = EncodeRequest(scene)
-    plain, refined = (needed(scene, free_memory, each=True, refined=refined) for refined in (False, True))
+    plain, refined = (needed(scene, free_memory, way=WAY, refined=refined) for refined in (False, True))
     free_memory(int((plain + refined) / 2 * 1e9))
-    assert chosen(request, scene, WAY, lines.append) is None
-    assert any(tells(line, "capture: 40 640x480 GB") for line in lines)
+    assert chosen(request, scene, WAY, heard) is None
+    assert any(tells(line, "capture: 40 640x480 GB") for line in heard.lines)
     with refusing(ts.InputError, "GB"):
-        chosen(EncodeRequest(scene, refine=True), scene, WAY, lines.append)
+        chosen(EncodeRequest(scene, refine=True), scene, WAY, heard)
     monkeypatch.setitem(sys.modules, "numba", None)
-    assert chosen(request, scene, WAY, lines.append) is None and 'pip install "tinysplat[fast]"' in lines[-1]
+    assert chosen(request, scene, WAY, heard) is None and 'pip install "tinysplat[fast]"' in heard.lines[-1]
     free_memory(int(plain / 2 * 1e9))
     with refusing(ts.InputError, "GB"):
-        chosen(request, scene, WAY, lines.append)
+        chosen(request, scene, WAY, heard)
 
 
 def test_a_look_at_a_capture_decodes_the_views_about_a_camera() -> None:

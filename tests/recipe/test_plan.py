@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from networks.two_planes import row_of_cameras, trace, write_traced
+from scenes import Heard
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.recipe.encode import Listener, encode
+from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.plan import Plan, planned
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.scenes import Frame, Scene
@@ -57,19 +58,7 @@ def test_reading_files_larger_than_what_the_network_gets_is_in_the_plan() -> Non
 
 
 def test_what_runs_before_the_network_is_counted(tmp_path: Path) -> None:
-    seen: list[str] = []
-
-    def counting(step: str):
-        def show(items, total, note):
-            seen.append(step)
-            passed = list(items)
-            assert total == len(passed)
-            return iter(passed)
-
-        return show
-
-    said: list[str] = []
+    heard = Heard()
     scene = ts.load_scene(write_traced(tmp_path, trace(7, 32, 32, spacing=0.25, subpixels=1)))
-    listener = Listener(notice=said.append, doubt=lambda *_: None, counting=counting)
-    encode(EncodeRequest(scene, model="sweep", mode="photos"), Runtime(threads=1), listener)
-    assert len(set(seen)) > 1 and any(re.search(r"\d s", line) for line in said)
+    encode(EncodeRequest(scene, model="sweep", mode="photos"), Runtime(threads=1), heard)
+    assert len(set(heard.steps)) > 1 and any(re.search(r"\d s", line) for line in heard.lines)

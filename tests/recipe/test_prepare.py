@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from networks.two_planes import trace, write_traced
-from scenes import refusing, tells
+from scenes import Heard, refusing, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe import prepare
@@ -31,10 +31,10 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def chosen(scene: object, **options: object) -> tuple[list[str], list[str]]:
     """Names of the photos that are taken, and what was said."""
-    said: list[str] = []
-    found = prepared(EncodeRequest(scene, **options), said.append)  # type: ignore[arg-type]
+    heard = Heard()
+    found = prepared(EncodeRequest(scene, **options), heard)  # type: ignore[arg-type]
     assert found.near is not None and found.far is not None
-    return [frame.path.name for frame in found.frames], said
+    return [frame.path.name for frame in found.frames], heard.lines
 
 
 def names(*indices: int) -> list[str]:
@@ -132,7 +132,7 @@ def test_depths_are_found_about_what_photos_show(tmp_path: Path, count: int) -> 
     """However long the row is: what a margin adds is less than the depths span."""
     traced = trace(count, 96, 128, spacing=0.25, subpixels=1)
     low, high = np.percentile(traced.depth, (2, 95))
-    (found,) = {(s.near, s.far) for s in [prepared(EncodeRequest(write_traced(tmp_path, traced)), str)]}
+    (found,) = {(s.near, s.far) for s in [prepared(EncodeRequest(write_traced(tmp_path, traced)))]}
     assert low / 2 < found[0] < low and high < found[1] < 2.5 * high
 
 
@@ -157,33 +157,33 @@ def photos_of(count: int, height: int, width: int, **depths: float) -> Scene:
 
 @pytest.mark.parametrize("taken", [2, 6])
 def test_nothing_is_said_of_two_to_six_photos_as_they_are(taken: int) -> None:
-    lines: list[str] = []
+    heard = Heard()
     scene = photos_of(taken, 480, 640, near=1.0, far=2.0)
-    assert prepared(EncodeRequest(scene), lines.append).frames == scene.frames and lines == []
+    assert prepared(EncodeRequest(scene), heard).frames == scene.frames and heard.lines == []
 
 
 @pytest.mark.parametrize("size", [None, "full"])
 def test_large_photos_are_scaled_to_the_size_that_is_said_unless_asked_otherwise(size: str | None) -> None:
-    lines: list[str] = []
-    found = prepared(EncodeRequest(photos_of(2, 1920, 1080, near=1.0, far=2.0), size=size), lines.append).cameras[0]
+    heard = Heard()
+    found = prepared(EncodeRequest(photos_of(2, 1920, 1080, near=1.0, far=2.0), size=size), heard).cameras[0]
     if size is not None:
-        assert (found.height, found.width) == (1920, 1080) and not lines
+        assert (found.height, found.width) == (1920, 1080) and not heard.lines
         return
     assert found.height * found.width <= prepare.LARGE_PIXELS
     assert found.height / found.width == pytest.approx(16 / 9, rel=0.01)
-    assert any(tells(line, f"1080x1920 {found.width}x{found.height} --size") for line in lines)
+    assert any(tells(line, f"1080x1920 {found.width}x{found.height} --size") for line in heard.lines)
 
 
 def test_one_photo_is_too_few(capture: Path) -> None:
     with pytest.raises(ts.InputError):
         chosen(capture, views=[3])
     with refusing(ts.InputError, "made:"):
-        prepared(EncodeRequest(photos_of(1, 8, 8, near=1.0, far=2.0)), str)
+        prepared(EncodeRequest(photos_of(1, 8, 8, near=1.0, far=2.0)))
 
 
 def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -> None:
     with refusing(ts.InputError, "made:"):
-        prepared(EncodeRequest(photos_of(2, 8, 8, near=1000.0, far=2000.0)), str)
+        prepared(EncodeRequest(photos_of(2, 8, 8, near=1000.0, far=2000.0)))
 
 
 @pytest.mark.parametrize(
@@ -226,20 +226,20 @@ def test_a_scene_at_hand_takes_the_depths_that_are_given() -> None:
 )
 def test_what_a_crop_cuts_off_is_said_with_sizes_that_keep_it(photo: tuple[int, int], size: str, lost: float) -> None:
     """Or refused, where that much goes that width and height may have been exchanged."""
-    lines: list[str] = []
+    heard = Heard()
     request = EncodeRequest(photos_of(2, *photo, near=1.0, far=2.0), size=size)
     try:
-        prepared(request, lines.append)
+        prepared(request, heard)
     except ts.InputError as error:
-        lines.append(str(error))
+        heard.lines.append(str(error))
     if not lost:
-        assert not lines
+        assert not heard.lines
         return
-    line, own = " ".join(lines), f"{photo[1]}x{photo[0]}"
+    line, own = " ".join(heard.lines), f"{photo[1]}x{photo[0]}"
     assert any(abs(float(part) - 100 * lost) <= 1 for part in re.findall(r"([\d.]+) ?%", line))
-    lines.clear()
+    heard.lines.clear()
     for whole in {*re.findall(r"\d+x\d+", line)} - {size, own}:
         width, height = map(int, whole.split("x"))
         assert width / height == pytest.approx(photo[1] / photo[0], rel=0.02)
-        prepared(EncodeRequest(photos_of(2, *photo, near=1.0, far=2.0), size=whole), lines.append)
-    assert own in line and not lines
+        prepared(EncodeRequest(photos_of(2, *photo, near=1.0, far=2.0), size=whole), heard)
+    assert own in line and not heard.lines

@@ -20,13 +20,12 @@ from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs.providers import providers_of
 from tinysplat_runtime.recipe import words
-from tinysplat_runtime.recipe.encode import Listener
 from tinysplat_runtime.recipe.encode import encode as encode_photos
 from tinysplat_runtime.recipe.options import Options, option
 from tinysplat_runtime.recipe.report import encode_report
 from tinysplat_runtime.recipe.request import RATE, EncodeRequest, rates_of
-from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.files import is_plain_name
+from tinysplat_runtime.system.told import Told
 
 from .storage import join, local_folder, read, write
 
@@ -91,6 +90,12 @@ class BatchJob:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+class _Recorder(Told):
+    """Doubts are looked for, and go into the record."""
+
+    listens = True
+
+
 def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
     """Code a scene in this process, which keeps its graphs from job to job.
 
@@ -111,7 +116,7 @@ def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
         if keep.save_gaussians:
             request = replace(request, save_gaussians=Path(folder, "g.npz"))
         runtime = worker_runtime(threads, keep.provider)
-        coded = encode_photos(request, runtime, Listener(doubt=_nobody), keep=keep.report)
+        coded = encode_photos(request, runtime, _Recorder(), keep=keep.report)
         if request.save_gaussians:
             write(f"{place}.npz", Path(request.save_gaussians).read_bytes())
         if keep.report:
@@ -125,10 +130,6 @@ def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
         "seconds": round(time.perf_counter() - start, 3),
         "worker": os.getpid(),
     }
-
-
-def _nobody(scene: Scene, text: str) -> None:
-    """Doubts are looked for, and go into the record."""
 
 
 def _local(request: EncodeRequest, local: Callable[[str], str]) -> EncodeRequest:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,11 @@ from ..errors import InputError, TinySplatError
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.providers import providers_of
-from ..system.files import read_limited, write_atomically
+from ..system.files import StrPath, read_limited, write_atomically
+from ..system.printable import printable
+from ..system.progress import progress, step
 from ..system.stopwatch import Stopwatch
+from ..system.told import Kind, T, Told
 from .outputs import STANDARD, is_standard
 
 
@@ -130,16 +134,42 @@ def write_json(path: str, value: dict[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class Voice:
-    """Prints what a command has to say, unless `quiet`; to standard error where its output goes to standard output."""
+class Voice(Told):
+    """Prints what a command has to say, unless `quiet`: results to standard output, unless that is `output`; else to
+    standard error.
+    """
 
     output: str
     quiet: bool
 
-    def __call__(self, text: str) -> None:
+    @property
+    def listens(self) -> bool:  # type: ignore[override]
+        """Unless `quiet`."""
+        return not self.quiet
+
+    def say(self, kind: Kind, text: str, where: StrPath = "") -> None:
         """Say a line."""
-        if not self.quiet:
-            print(text, file=sys.stderr if is_standard(self.output) else sys.stdout)
+        if self.quiet:
+            return
+        if kind == "step":
+            step(text)
+            return
+        place = f"{os.fspath(where)}: " if where else ""
+        doubt = "warning: " if kind == "doubt" else ""
+        stream = sys.stdout if kind == "done" and not is_standard(self.output) else sys.stderr
+        print(printable(f"{place}{doubt}{text}"), file=stream)
+
+    def done(self, text: str, where: StrPath = "") -> None:
+        """Say what was done."""
+        self.say("done", text, where)
+
+    def progress(
+        self, label: str, items: Iterable[T], note: Callable[[], str] = str, total: int | None = None
+    ) -> Iterator[T]:
+        """Say how far a step is."""
+        if total is None and isinstance(items, Sized):
+            total = len(items)
+        return progress(items, total, label, quiet=self.quiet, note=note)
 
 
 @contextlib.contextmanager

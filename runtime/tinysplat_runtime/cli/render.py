@@ -17,7 +17,6 @@ from ..render import Renderer, between, orbit
 from ..render.paths import outside
 from ..scene.cameras import Camera
 from ..scene.pictures import png_bytes
-from ..system.progress import progress
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 from .files import read_file, write_file, write_json
 from .given import reading_of, voice_of
@@ -41,8 +40,7 @@ def render(args: Namespace) -> None:
         raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
     if suffix == ".png" and args.path:
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
-    watch = Stopwatch()
-    reading = reading_of(args)
+    reading, voice, watch = reading_of(args), voice_of(args), Stopwatch()
     gaussians = reading.load(args.file, watch)
     # Loading compiled code takes longer than drawing one picture without it.
     compiled, is_video = (None, True) if suffix == ".mp4" else (False, False)
@@ -67,7 +65,7 @@ def render(args: Namespace) -> None:
         with watch.stage("render"):
             # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
             frames = (renderer.render(camera, args.size) for camera in path)
-            write_video(args.output, progress(frames, len(path), "render", quiet=args.quiet))
+            write_video(args.output, voice.progress("render", frames, total=len(path)))
     if args.report:
         from ..container.inspection import inspect_bytes
         from ..recipe.report import file_report
@@ -79,7 +77,7 @@ def render(args: Namespace) -> None:
         write_json(args.report, report)
     seconds = watch.seconds["render"]
     rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
-    voice_of(args)(f"{args.output}: {seconds:.3f} s{rate}")
+    voice.done(f"{seconds:.3f} s{rate}", args.output)
 
 
 def depth_colours(depth: NDArray) -> NDArray:

@@ -29,7 +29,7 @@ from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighti
 from .decoder import decode_file, read_file
 from .encoder import write_planes
 from .hevc import CodedPlane, encode_plane
-from .job import EncodeStats
+from .job import EncodeStats, Job
 from .one_colour import as_seen
 from .profiles import EncoderSettings, PaperSettings, Profile, find_profile
 from .quantise import CodeMap
@@ -57,50 +57,38 @@ class _Target:
     same: NDArray
 
 
-def encode_like(
-    gaussians: Gaussians,
-    file: bytes,
-    store: GraphStore,
-    *,
-    threads: int,
-    limits: Limits | None = None,
-    drop_invalid: bool = False,
-    stats: EncodeStats | None = None,
-) -> bytes:
+def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
     """Code all layers as a file's were.
 
     Args:
-        gaussians: per pixel, with cameras, of the file's views, layers and grids; SH of another degree are cut or
-            filled with zeros, and where the file has degree 0, one colour takes their place as the input views see it.
+        job: its Gaussians are per pixel, with cameras, of the file's views, layers and grids; SH of another degree are
+            cut or filled with zeros, and where the file has degree 0, one colour takes their place as the input views
+            see it. Its profile and Q_g play no part.
         file: a `.tsplat` file of mode gaussians.
-        store: opens the graphs.
-        threads: planes coded at a time; never changes the bytes.
         limits: what to accept of the file.
-        drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
-        stats: filled with what was measured.
 
     Returns:
-        A file of the same profile, Q_g, maps, steps and QPs, and with the cameras of `gaussians`.
+        A file of the same profile, Q_g, maps, steps and QPs, and with the cameras of the job's Gaussians.
 
     Raises:
         FormatError: the file is damaged.
         InputError: it is of another mode, or of a profile that is none; other views, layers or grids.
         NumericError: as `SceneEncoder`.
     """
-    stats = stats or EncodeStats()
+    gaussians, stats = job.gaussians, job.stats
     with stats.watch.stage("parse"):
         try:
             read = read_file(file, limits)
             container = read.container
             layers, profile = _checked(gaussians, container)
-            earlier = decode_file(read, store, threads=threads)
+            earlier = decode_file(read, job.store, threads=job.threads)
         except FormatError as error:
             raise error.within(_WHERE) from None
-    coded, crew = [], Crew(threads)
+    coded, crew = [], Crew(job.threads)
     for index, layer in enumerate(layers):
         pair = gaussians.layers[index], earlier.layers[index]
         coder = _LayerCoder(container, layer, index, profile.encoder, crew, stats)
-        coded.append(coder.code(*_targets(store, layer, *pair, profile, drop_invalid, stats)))
+        coded.append(coder.code(*_targets(job.store, layer, *pair, profile, job.drop_invalid, stats)))
     return write_planes(coded, gaussians, profile, container.qp, stats)
 
 

@@ -55,6 +55,17 @@ class Coder(ABC):
         return None
 
 
+class Once(Coder):
+    """Codes in one way, whatever Q_g: what `make` makes."""
+
+    def __init__(self, profile: Profile, make: Callable[[], bytes]) -> None:
+        self.profile, self._make = profile, make
+
+    def code(self, qp: float) -> bytes:
+        """The file."""
+        return self._make()
+
+
 def code_to_size(coder: Coder, target: int) -> bytes:
     """The largest file found of at most `target` bytes: 97 % of it or more, unless the finest steps give less.
 

@@ -20,7 +20,7 @@ from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import Group, view_places
 from ..system import scratch
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 from .exposure import Exposures, Pair, one_exposure
 from .inference import Graph, as_input
 from .predict import NetworkLimits, assembled, checked_inputs, padded
@@ -40,7 +40,7 @@ def predict_each(
     far: float,
     stages: Mapping[str, Graph],
     groups: Sequence[Group],
-    show: Show = plain,
+    told: Told = NOBODY,
     run_jobs: Callable | None = None,
 ) -> Gaussians:
     """As `walk.predict_groups`, by the stages of a network.
@@ -51,7 +51,7 @@ def predict_each(
         near, far: depths between which the scene lies, scene units.
         stages: opened graphs by name.
         groups: in which every photo is kept once, beside its partners.
-        show: is given a photo at a time.
+        told: is told of each photo.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does, for the step in which photos
             agree on depth; None leaves that out.
 
@@ -67,7 +67,7 @@ def predict_each(
             stars[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
     capture = _Capture(read, cameras, near, far, stages, stars)
     order = [v for group in groups for v in group.kept]
-    for view in show(order, len(order), str):
+    for view in told.progress("photos", order):
         capture.estimated(view)
     if run_jobs is not None:
         capture.agree(run_jobs)

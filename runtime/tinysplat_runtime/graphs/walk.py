@@ -17,7 +17,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import GROUP, Group, Neighbours, grouped
 from ..system import scratch
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 from .inference import Graph
 from .predict import NetworkLimits, origin_of, predict
 
@@ -61,7 +61,7 @@ def predict_groups(
     near: float,
     groups: Sequence[Group],
     run: Callable[[Sequence[int]], Gaussians],
-    show: Show = plain,
+    told: Told = NOBODY,
 ) -> Gaussians:
     """One scene of what a network makes of each group.
 
@@ -70,7 +70,7 @@ def predict_groups(
         near: depth of the nearest surface, scene units.
         groups: in which every photo is kept once.
         run: the network, of photos by their indices.
-        show: is given a photo at a time.
+        told: is told of each photo.
 
     Returns:
         (V, H, W, …) Gaussians with cameras, further layers in `extra_layers`; the origin as for `predict.predict`.
@@ -81,7 +81,7 @@ def predict_groups(
     joined: list[dict[str, NDArray]] = []
     seen_by: list[list[Any]] = []
     photos = [(group, place) for group in groups for place in range(len(group.kept))]
-    for group, place in show(photos, len(photos), str):
+    for group, place in told.progress("photos", photos):
         if place:
             continue
         predicted = run(group.views)

@@ -9,7 +9,7 @@ functions of `api` fill in the same request and hand it to the same function.
     refinement.py  whether they correct what comes of them, where nobody said
     plan.py        how long it will take, step by step
     doubts.py      what is likely wrong with them
-    stages.py      network, refinement, coding: a step each
+    stages.py      refinement and coding: a step each
     encode.py      all of it, in order, and the same of Gaussians that are at hand
     export.py      Gaussians on their way out: what `decode` and `convert` do
     own.py         how like its own photos the result looks

@@ -29,7 +29,7 @@ from ..scene.look import (
 from ..scene.matches import Corners, corners, depths_told, fit, matched
 from ..scene.resampling import resize_cover
 from ..scene.scenes import Frame, Scene
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 
 SUSPICIOUS = 0.08
 """Cost of a look from which on other readings of the cameras are tried; real scenes lie at 0.03 to 0.13."""
@@ -137,7 +137,7 @@ class _Thumbnails:
     are_opengl: bool = False
 
     @classmethod
-    def of(cls, scene: Scene, show: Show) -> _Thumbnails:
+    def of(cls, scene: Scene, told: Told) -> _Thumbnails:
         first = scene.cameras[0]
         small = scene.resized(*thumbnail_size(first))
         height, width = thumbnail_size(first, CLOSER * LOOK_WIDTH)
@@ -147,7 +147,7 @@ class _Thumbnails:
         looked = set(np.linspace(0, count - 1, min(count, FEW)).round().astype(int).tolist())
         images, corners_of = [], {}
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
-        for v, (frame, close, target) in enumerate(show(frames, count, str)):
+        for v, (frame, close, target) in enumerate(told.progress("checking", frames)):
             photo, camera = None, frame.camera
             if frame.kept == [] and camera.height >= height and camera.width >= width:
                 photo = frame.photo((camera.height, camera.width))
@@ -205,14 +205,14 @@ class _Thumbnails:
         return np.concatenate([depths_told(places, cameras[v], cameras[u]) for (v, u), places in self.places.items()])
 
 
-def doubts(scene: Scene, show: Show = plain) -> list[str]:
+def doubts(scene: Scene, told: Told = NOBODY) -> list[str]:
     """What is likely wrong with a scene, a line each: its cameras, a photo, its depth range; the likeliest first.
 
     Args:
         scene: the photos as the network will have them.
-        show: is given a photo at a time.
+        told: is told of each photo.
     """
-    seen = _Thumbnails.of(scene, show)
+    seen = _Thumbnails.of(scene, told)
     return (
         _useless(seen)
         or _impossible(seen)

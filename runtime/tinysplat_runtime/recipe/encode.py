@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
 from ..codec.job import EncodeStats, PhotoScene
@@ -11,36 +9,14 @@ from ..codec.modes import DEFAULT_MODE
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
 from ..gaussian.gaussians import FIELDS, Gaussians
+from ..graphs.ways import Way
 from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 from .request import Coding, CompressRequest, EncodeRequest
-from .stages import Tools, Way, code, code_photos, predict, refine
+from .stages import Tools, code, code_photos, refine
 from .words import Refinement
-
-
-@dataclass(frozen=True)
-class Listener:
-    """Who is told what goes on.
-
-    Attributes:
-        notice: gets a line for each thing that was found rather than given.
-        doubt: gets the scene and a line for each thing that is likely wrong with it; None to look for none.
-        working: gives what is entered while the named step is at work.
-        predicting: passes on photos that are given to the network in groups.
-        refining: passes on the steps of refinement.
-        refined: gets what refinement did.
-        counting: gives what passes on the photos of a step by its name: reading, depths, checking.
-    """
-
-    notice: Callable[[str], object] = str
-    doubt: Callable[[Scene, str], object] | None = None
-    working: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
-    predicting: Show = plain
-    refining: Show | None = None
-    refined: Callable[[RefineStats], object] | None = None
-    counting: Callable[[str], Show] = lambda _: plain
 
 
 @dataclass(frozen=True)
@@ -78,19 +54,14 @@ class Encoded:
 
 
 def encode(
-    request: EncodeRequest,
-    tools: Tools,
-    listener: Listener | None = None,
-    *,
-    stats: EncodeStats | None = None,
-    keep: bool = False,
+    request: EncodeRequest, tools: Tools, told: Told = NOBODY, *, stats: EncodeStats | None = None, keep: bool = False
 ) -> Encoded:
     """Photos to a `.tsplat` file's bytes.
 
     Args:
         request: which photos, and how.
         tools: to do it with, such as a `Runtime`.
-        listener: who is told what goes on; None for nobody.
+        told: who is told what goes on; doubts are looked for where somebody listens.
         stats: filled with what coding measured.
         keep: hand on the Gaussians too.
 
@@ -103,61 +74,54 @@ def encode(
     from .prepare import prepared
     from .refinement import chosen
 
-    listener, stats, refined = listener or Listener(), stats or EncodeStats(), RefineStats()
+    stats, refined = stats or EncodeStats(), RefineStats()
     request = replace(request, like=request.example())
-    scene = prepared(request, listener.notice, listener.counting)
+    scene = prepared(request, told)
     model, whole = request.model, request.mode != DEFAULT_MODE
-    way = Way.of(scene, model, tools, whole=whole)
-    refinement = chosen(request, scene, way, listener.notice)
+    way = Way.of(scene, model, tools.store, threads=tools.threads, whole=whole)
+    refinement = chosen(request, scene, way, told)
     plan = planned(scene, is_refined=bool(refinement), is_usual=request.is_usual and not whole)
     if is_worth_saying(plan, len(scene.frames)):
-        listener.notice(f"{scene.path}: {plan}")
-    doubted = []
-    if listener.doubt is not None:
-        doubted = doubts(scene, listener.counting("checking"))
-        for text in doubted:
-            listener.doubt(scene, text)
-    with listener.working("network"):
-        gaussians = predict(scene, model, tools, way, watch=stats.watch, show=listener.predicting)
+        told.say("notice", str(plan), scene.path)
+    doubted = doubts(scene, told) if told.listens else []
+    for text in doubted:
+        told.say("doubt", text, scene.path)
+    told.say("step", "network")
+    gaussians = way.predicted(scene, stats.watch, told)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
     if request.save_gaussians is not None:
         for loss in save_gaussians(request.save_gaussians, gaussians):
-            listener.notice(f"{request.save_gaussians}: {loss}")
+            told.say("notice", loss, request.save_gaussians)
     if refinement:
-        gaussians = _refined(gaussians, scene, refinement, request, tools, listener, stats, refined)
-    with listener.working("coding"):
-        data = _coded(gaussians, request, scene, tools, stats)
+        gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
+    told.say("step", "coding")
+    data = _coded(gaussians, request, scene, tools, stats)
     kept, done = gaussians if keep else None, refined if refinement else None
     return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(doubted))
 
 
 def compress(
-    request: CompressRequest,
-    tools: Tools,
-    listener: Listener | None = None,
-    *,
-    stats: EncodeStats | None = None,
-    keep: bool = False,
+    request: CompressRequest, tools: Tools, told: Told = NOBODY, *, stats: EncodeStats | None = None, keep: bool = False
 ) -> Encoded:
     """Gaussians of any network, or of a trained scene, to a `.tsplat` file's bytes.
 
     Args:
         request: which Gaussians, and how.
-        tools, listener, stats, keep: see `encode`.
+        tools, told, stats, keep: see `encode`.
 
     Raises:
         FormatError, InputError, NumericError: see `Runtime.compress`.
     """
-    listener, stats, refined = listener or Listener(), stats or EncodeStats(), RefineStats()
+    stats, refined = stats or EncodeStats(), RefineStats()
     gaussians = request.gaussians
     if request.cameras is not None:
         gaussians = pixels_of(gaussians, request.cameras)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
-        gaussians = _refined(gaussians, scene, request.refine, request, tools, listener, stats, refined)
-    with listener.working("coding"):
-        data = code(gaussians, request, tools, keep_all=request.keep_all, stats=stats)
+        gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refined)
+    told.say("step", "coding")
+    data = code(gaussians, request, tools, keep_all=request.keep_all, stats=stats)
     return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, refined if request.refine else None)
 
 
@@ -167,14 +131,13 @@ def _refined(
     refinement: Refinement | None,
     coding: Coding,
     tools: Tools,
-    listener: Listener,
+    told: Told,
     stats: EncodeStats,
     refined: RefineStats,
 ) -> Gaussians:
     with stats.watch.stage("refine"):
-        gaussians = refine(gaussians, scene, refinement, coding, tools, stats=refined, show=listener.refining)
-    if listener.refined:
-        listener.refined(refined)
+        gaussians = refine(gaussians, scene, refinement, coding, tools, stats=refined, told=told)
+    told.say("done", refined.text)
     return gaussians
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import StrPath, read_limited, write_atomically
 from ..system.threads import Crew
+from ..system.told import NOBODY, Told
 from .request import Coding, ExportRequest
 
 if TYPE_CHECKING:
@@ -36,27 +37,8 @@ KEEPS_CAMERAS = (*KEEPS_VIEWS, ".glb", ".gltf")
 """Endings of files that have room for cameras of photos."""
 
 
-@dataclass(frozen=True)
-class ExportListener:
-    """Who is told what goes on.
-
-    Attributes:
-        notice: gets a line for each thing that is done unasked, and for how fusing went.
-        pruned: gets a line about what pruning left out.
-        fusing: passes on the steps of fusing; the second says how things stand.
-    """
-
-    notice: Callable[[str], object] = str
-    pruned: Callable[[str], object] = str
-    fusing: Callable[[Iterable[int], Callable[[], str]], Iterator[int]] = lambda steps, note: iter(steps)
-
-
 def exported(
-    parts: Sequence[tuple[str, Gaussians]],
-    path: str,
-    request: ExportRequest,
-    tools: Tools,
-    listener: ExportListener | None = None,
+    parts: Sequence[tuple[str, Gaussians]], path: str, request: ExportRequest, tools: Tools, told: Told = NOBODY
 ) -> Gaussians:
     """What goes out.
 
@@ -66,16 +48,15 @@ def exported(
             where the format knows no views.
         request: see there.
         tools: to do it with, such as a `Runtime`.
-        listener: who is told what goes on; None for nobody.
+        told: who is told what goes on.
 
     Raises:
         InputError: an option that does not fit the Gaussians, numba is missing, or nothing is left.
     """
-    listener = listener or ExportListener()
     chosen = []
     for name, part in parts:
         try:
-            chosen.append(_selected(part, path, request, tools, listener))
+            chosen.append(_selected(part, path, request, tools, told))
         except TinySplatError as error:
             raise error.within(name) if name else error from None
     gaussians = chosen[0] if len(chosen) == 1 else merge(chosen)
@@ -88,7 +69,7 @@ def exported(
         gaussians = similarity(gaussians, turn, request.scale, request.translate)
     if request.notes:
         gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
-    return gaussians if request.prune is None else _pruned(gaussians, request.prune, tools, listener)
+    return gaussians if request.prune is None else _pruned(gaussians, request.prune, tools, told)
 
 
 def write(
@@ -125,24 +106,22 @@ def is_drawn_whole(path: str) -> bool:
     return not path.lower().endswith(KEEPS_VIEWS)
 
 
-def _selected(
-    gaussians: Gaussians, path: str, request: ExportRequest, tools: Tools, listener: ExportListener
-) -> Gaussians:
+def _selected(gaussians: Gaussians, path: str, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
     """What one file gives."""
     if request.dilate is not None:
         gaussians = widened(gaussians, request.dilate)
     if request.trim_border:
         gaussians = trim_border(gaussians, request.trim_border)
     if request.fuse is not None:
-        gaussians = _fused(gaussians, request.fuse, tools, listener)
+        gaussians = _fused(gaussians, request.fuse, tools, told)
     elif is_drawn_whole(path) and not (request.keep_all or request.points or request.trim_border):
-        gaussians = _thinned(gaussians, tools, listener)
+        gaussians = _thinned(gaussians, tools, told)
     if request.min_opacity is not None:
         gaussians = drop_transparent(gaussians, request.min_opacity)
     return gaussians if request.sh_degree is None else cut_degree(gaussians, request.sh_degree)
 
 
-def _thinned(gaussians: Gaussians, tools: Tools, listener: ExportListener) -> Gaussians:
+def _thinned(gaussians: Gaussians, tools: Tools, told: Told) -> Gaussians:
     from ..render.near import FEW
 
     if len(gaussians.cameras) <= FEW:
@@ -151,33 +130,30 @@ def _thinned(gaussians: Gaussians, tools: Tools, listener: ExportListener) -> Ga
 
     thin = thinned(gaussians, Crew(tools.threads).map)
     said = f"writes {thin.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
-    listener.notice(f"{said}; --fuse makes them one, --keep-all keeps all")
+    told.say("notice", f"{said}; --fuse makes them one, --keep-all keeps all")
     return thin
 
 
-def _fused(gaussians: Gaussians, seconds: float, tools: Tools, listener: ExportListener) -> Gaussians:
+def _fused(gaussians: Gaussians, seconds: float, tools: Tools, told: Told) -> Gaussians:
     try:
         from ..refine.fuse import FuseStats, fused
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="fuse") from None
     stats = FuseStats()
 
-    def show(steps: Iterator[int]) -> Iterator[int]:
-        return listener.fusing(steps, stats.note)
-
-    joined = fused(gaussians, seconds=seconds, threads=tools.threads, stats=stats, show=show)
-    listener.notice(stats.text)
+    joined = fused(gaussians, seconds=seconds, threads=tools.threads, stats=stats, told=told)
+    told.say("notice", stats.text)
     return joined
 
 
-def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, listener: ExportListener) -> Gaussians:
+def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> Gaussians:
     """Those that pictures need most, as one list."""
     try:
         from ..prune.reduction import leave_out
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="prune") from None
     left = leave_out(gaussians, amount, tools.threads)
-    listener.pruned(f"{left.text or 'none left out'}, in pictures as defined")
+    told.say("done", f"{left.text or 'none left out'}, in pictures as defined")
     return left.gaussians
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from ..codec.modes import DEFAULT_MODE
 from ..errors import InputError
-from ..graphs.enlarge import LARGE_PIXELS, Enlarger
+from ..graphs.enlarge import LARGE_PIXELS
+from ..graphs.ways import OneByOne, SmallCopies, Way
 from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
 from ..system.memory import available_bytes
@@ -52,23 +53,16 @@ MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
 
 
-def check_memory(
-    scene: Scene,
-    enlarger: Enlarger | None = None,
-    *,
-    mode: str = DEFAULT_MODE,
-    refined: bool = False,
-    each: bool = False,
-) -> None:
+def check_memory(scene: Scene, way: Way | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False) -> None:
     """Refuse photos that take more memory than is free, with a size that would fit.
 
     Args:
         scene: the photos.
-        enlarger: what the runtime has for large photos of that scene, if it has.
+        way: how they go through the network; None for group by group.
         mode: of the file.
         refined: whether Gaussians are to be refined.
-        each: whether photos go through the network one by one.
     """
+    each, enlarger = isinstance(way, OneByOne), way.enlarger if isinstance(way, SmallCopies) else None
     on_disk = REFINED_DISK_BYTES_PER_PIXEL if refined else DISK_BYTES_PER_PIXEL
     disk = room() / on_disk if mode == DEFAULT_MODE else 0  # in pixels
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from typing import TypeAlias
 
@@ -15,6 +16,7 @@ from ..codec.ranges import ranges_of
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render import Renderer
 from ..scene.cameras import Camera
+from ..scene.scenes import Scene
 from ..system.decibels import decibels
 from .prepare import ALL_VIEWS
 from .stages import Tools
@@ -38,6 +40,28 @@ memory of those that are kept for the next."""
 
 Near: TypeAlias = Callable[[Camera], Gaussians]
 """What a camera's picture is drawn from."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a file looks beside its own photos.
+
+    Attributes:
+        gaussians: how many it has.
+        psnr: dB, the mean over the photos that were looked at.
+    """
+
+    gaussians: int
+    psnr: float
+
+
+def compared(data: bytes, scene: Scene, tools: Tools, model: str) -> Look:
+    """A file beside the photos that it was made of; `model` is the network of files that hold photos."""
+    count = len(scene.frames)
+    near, seen = near_of(data, count, tools, model), scene.views(looked_at(count))
+    some = near(seen.cameras[0])
+    psnr = own_psnr(near, seen.cameras, seen.images(), tools.threads)
+    return Look(some.count // len(some.cameras) * count, psnr)
 
 
 def looked_at(count: int) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..scene.look import LOOK_WIDTH, range_guessed, range_seen, thumbnail_size
 from ..scene.neighbours import LEAST_BASELINE, Neighbours
 from ..scene.scenes import Scene
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 from .request import EncodeRequest
 from .words import ALL, AutoViews, shown
 
@@ -43,27 +43,20 @@ SAID_CROP, MOST_CROP = 0.01, 1 / 3
 have been exchanged; a square of it is always meant."""
 
 
-def prepared(
-    request: EncodeRequest, notice: Callable[[str], object], counting: Callable[[str], Show] = lambda _: plain
-) -> Scene:
+def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
     """The scene with the views, size and depth range that the network is to have, whether given or found.
 
     Args:
         request: what is asked for.
-        notice: gets a line for each thing that was found rather than given.
-        counting: gives what passes on the items of a step by its name.
+        told: is told of each thing that was found rather than given, and of the photos of each step.
 
     Raises:
         InputError: no scene, too few photos, views that there are not, photos that agree about no depths.
     """
     scene = named_scene(request)
-
-    def say(text: str) -> None:
-        notice(f"{scene.path}: {text}")
-
-    chosen, why = _chosen_views(request, scene, say, counting)
-    _say_wide(chosen, say, counting)
-    sized = _sized(request, chosen, say)
+    chosen, why = _chosen_views(request, scene, told)
+    _say_wide(chosen, told)
+    sized = _sized(request, chosen, told)
     if len(sized.frames) in ALL_VIEWS:
         return sized
     photos = len(sized.frames)
@@ -71,7 +64,7 @@ def prepared(
         fault = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
         raise InputError(fault, where=str(scene.path))
     others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes so many"
-    say(f"{photos} of {len(scene.frames)} photos, {why}; {others}")
+    told.say("notice", f"{photos} of {len(scene.frames)} photos, {why}; {others}", scene.path)
     return sized
 
 
@@ -105,9 +98,7 @@ def named_scene(request: EncodeRequest) -> Scene:
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
 
 
-def _chosen_views(
-    request: EncodeRequest, scene: Scene, say: Callable[[str], None], counting: Callable[[str], Show]
-) -> tuple[Scene, str]:
+def _chosen_views(request: EncodeRequest, scene: Scene, told: Told) -> tuple[Scene, str]:
     """The views that are asked for or needed, with their depth range, and in words how they were chosen."""
     count, asked = len(scene.frames), request.views
     if isinstance(asked, tuple) and len(asked) < 2:
@@ -115,23 +106,25 @@ def _chosen_views(
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
     if isinstance(asked, tuple):
-        return _matching(_with_range(_moving(scene.views(asked)), say, counting), say), "as asked"
+        return _matching(_with_range(_moving(scene.views(asked)), told), told), "as asked"
     _moving(scene)
     if asked == ALL or (asked is None and count in ALL_VIEWS):
-        return _matching(_with_range(_once(scene, say), say, counting), say), "all there are"
+        return _matching(_with_range(_once(scene, told), told), told), "all there are"
     wanted = asked.count if isinstance(asked, AutoViews) else None
     if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
         near, far = _range_or_guess(scene)
         seen = choose_views(scene.cameras, near, far, wanted)
-        say(f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others")
-        return _with_range(scene.views(seen), say, counting), "as asked"
-    scene = _once(scene, say)
-    scene = _matching(_with_range(scene, say, counting), say)
+        told.say(
+            "notice", f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others", scene.path
+        )
+        return _with_range(scene.views(seen), told), "as asked"
+    scene = _once(scene, told)
+    scene = _matching(_with_range(scene, told), told)
     near, far = scene.depth_range()
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
     within = f"{100 * SPACING:.0f} % of the depth and {math.degrees(SPACING):.0f}°"
     why = f"every other photo was taken within {within} of one of these"
-    return _matching(scene.views(chosen), str), "as asked" if wanted else why
+    return _matching(scene.views(chosen), NOBODY), "as asked" if wanted else why
 
 
 def _moving(scene: Scene) -> Scene:
@@ -153,7 +146,7 @@ def _moving(scene: Scene) -> Scene:
     raise InputError(fault, where=str(scene.path))
 
 
-def _once(scene: Scene, say: Callable[[str], object]) -> Scene:
+def _once(scene: Scene, told: Told) -> Scene:
     """A scene without photos taken as an earlier one, by the same camera from the same place; says so."""
     first: dict[bytes, int] = {}
     for v, camera in enumerate(scene.cameras):
@@ -161,7 +154,7 @@ def _once(scene: Scene, say: Callable[[str], object]) -> Scene:
     kept = sorted(first.values())
     if len(kept) < len(scene.frames):
         again = [frame.path.name for v, frame in enumerate(scene.frames) if v not in set(kept)]
-        say(f"left out {_listed(again)}: taken from the same place as another")
+        told.say("notice", f"left out {_listed(again)}: taken from the same place as another", scene.path)
     return scene.views(kept)
 
 
@@ -169,7 +162,7 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _matching(scene: Scene, say: Callable[[str], object]) -> Scene:
+def _matching(scene: Scene, told: Told) -> Scene:
     """A capture without photos that show nothing that others do; says so, and where it falls into several places."""
     if len(scene.frames) in ALL_VIEWS:
         return scene
@@ -180,12 +173,18 @@ def _matching(scene: Scene, say: Callable[[str], object]) -> Scene:
         fault = "no photo shows from another place what one does: cameras that stand at one place show no depth"
         raise InputError(f"{fault}, nor those that have nothing in common", where=str(scene.path))
     if alone:
-        say(f"left out {_listed(alone)}: nothing in common with other photos from other places")
+        told.say(
+            "notice", f"left out {_listed(alone)}: nothing in common with other photos from other places", scene.path
+        )
         scene = scene.views(kept)
     parts = sorted((len(part) for part in neighbours.parts() if len(part) > 1), reverse=True)
     if len(parts) > 1:
         sizes = ", ".join(map(str, parts[:4])) + (", …" if len(parts) > 4 else "")
-        say(f"{len(parts)} places that have nothing in common, of {sizes} photos: all are coded; --views takes some")
+        told.say(
+            "notice",
+            f"{len(parts)} places that have nothing in common, of {sizes} photos: all are coded; --views takes some",
+            scene.path,
+        )
     return scene
 
 
@@ -193,42 +192,46 @@ def _range_or_guess(scene: Scene) -> tuple[float, float]:
     return (scene.near, scene.far) if scene.near and scene.far else range_guessed(scene.cameras)
 
 
-def _with_range(scene: Scene, say: Callable[[str], None], counting: Callable[[str], Show]) -> Scene:
+def _with_range(scene: Scene, told: Told) -> Scene:
     """The scene between the depths that its photos agree about, where it states none."""
     if scene.near is not None and scene.far is not None:
         return scene
-    near, far = _range_seen(scene, counting)
+    near, far = _range_seen(scene, told)
     near, far = scene.near or near, scene.far or far
     if not near < far:
         raise InputError(
             f"photos agree about depths from {near:g} to {far:g}; give --near and --far", where=str(scene.path)
         )
-    say(f"near {near:.4g} and far {far:.4g}, estimated from the photos; --near and --far say otherwise")
+    told.say(
+        "notice",
+        f"near {near:.4g} and far {far:.4g}, estimated from the photos; --near and --far say otherwise",
+        scene.path,
+    )
     return replace(scene, near=near, far=far, is_estimated=True)
 
 
-def _range_seen(scene: Scene, counting: Callable[[str], Show]) -> tuple[float, float]:
+def _range_seen(scene: Scene, told: Told) -> tuple[float, float]:
     """(near, far) by thumbnails of its photos, of many by a few that are spread as well as can be without it."""
     if len(scene.frames) > RANGE_VIEWS:
         scene = scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS))
     side = LOOK_WIDTH if len(scene.frames) in ALL_VIEWS else RANGE_SIDE
     small = scene.resized(*thumbnail_size(scene.cameras[0], side))
     try:
-        return range_seen(small.images(counting("reading")), small.cameras, counting("depths"))
+        return range_seen(small.images(told), small.cameras, told)
     except InputError as error:
         raise error.within(str(scene.path)) from None
 
 
-def _say_wide(scene: Scene, say: Callable[[str], None], counting: Callable[[str], Show]) -> None:
+def _say_wide(scene: Scene, told: Told) -> None:
     """Say what photos agree about, where a range is stated in which hardly any depth that is tried can fit."""
     near, far = scene.depth_range()
     if scene.is_estimated or far < WIDE * near:
         return
     try:
-        seen = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene, counting))
+        seen = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene, told))
     except InputError:
         seen = "about none"
-    say(f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {seen}")
+    told.say("notice", f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {seen}", scene.path)
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:
@@ -243,7 +246,7 @@ def fitting_size(scene: Scene) -> tuple[int, int] | None:
     )
 
 
-def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> Scene:
+def _sized(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
     """The scene at the size asked for, or at one that networks are good for."""
     if isinstance(request.size, str):
         return scene
@@ -252,15 +255,20 @@ def _sized(request: EncodeRequest, scene: Scene, say: Callable[[str], None]) -> 
         return scene
     camera = scene.frames[0].camera
     if request.size:
-        _say_crop((camera.height, camera.width), request.size, say)
+        _say_crop(scene, request.size, told)
     else:
         said = f"photos of {camera.width}x{camera.height} scaled to {size[1]}x{size[0]}"
-        say(f"{said}, the largest size that the network `{request.model}` handles well; --size full keeps all pixels")
+        told.say(
+            "notice",
+            f"{said}, the largest size that the network `{request.model}` handles well; --size full keeps all pixels",
+            scene.path,
+        )
     return scene.resized(*size)
 
 
-def _say_crop(photo: tuple[int, int], size: tuple[int, int], say: Callable[[str], None]) -> None:
-    """Say what photos, (height, width), lose that are cut to a size; too much of them is likely not meant."""
+def _say_crop(scene: Scene, size: tuple[int, int], told: Told) -> None:
+    """Say what photos lose that are cut to a size, (height, width); too much of them is likely not meant."""
+    photo = scene.cameras[0].height, scene.cameras[0].width
     scale = max(wanted / side for wanted, side in zip(size, photo, strict=True))
     lost = 1 - size[0] * size[1] / (photo[0] * photo[1] * scale**2)
     if lost < SAID_CROP:
@@ -271,4 +279,4 @@ def _say_crop(photo: tuple[int, int], size: tuple[int, int], say: Callable[[str]
     whole = " and ".join(f"{width}x{height}" for height, width in fitting)
     if lost > MOST_CROP and size[0] != size[1]:
         raise InputError(f"{said}; {whole} keep them whole", where="size")
-    say(f"{said}; {whole} keep them whole")
+    told.say("notice", f"{said}; {whole} keep them whole", scene.path)

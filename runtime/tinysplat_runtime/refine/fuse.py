@@ -27,6 +27,7 @@ from ..render.renderer import Renderer
 from ..scene.cameras import Camera
 from ..scene.neighbours import view_places
 from ..system.threads import Crew, available_cores
+from ..system.told import NOBODY, Told
 from .descent import Descent, Pace, units
 from .free import FreeGaussians
 
@@ -76,7 +77,7 @@ def fused(
     threads: int | None = None,
     pace: Pace | None = None,
     stats: FuseStats | None = None,
-    show: Callable[[Iterator[int]], Iterator[int]] = iter,
+    told: Told = NOBODY,
 ) -> Gaussians:
     """Gaussians that show a capture where all of them are drawn, as 3DGS defines.
 
@@ -87,7 +88,7 @@ def fused(
         threads: how many to use, None for one per available core.
         pace: how they are corrected.
         stats: filled with what was done.
-        show: passes an iterator of steps on.
+        told: is told of each step.
 
     Returns:
         (N,) Gaussians of SH degree 0 or 1.
@@ -106,7 +107,7 @@ def fused(
     def way() -> float:
         return stats.steps / steps if steps else (time.perf_counter() - begin) / limit
 
-    for _ in show(fusing.advance(way)):
+    for _ in told.progress("fuse", fusing.advance(way), stats.note):
         pass
     return fusing.result()
 

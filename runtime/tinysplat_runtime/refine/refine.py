@@ -18,6 +18,7 @@ from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
 from ..system import scratch
 from ..system.decibels import decibels
+from ..system.told import NOBODY, Told
 from .coarse import bring_up, halved, halved_picture, lacking_alike
 from .loop import Loop
 from .photos import matched, sizes_of
@@ -109,18 +110,17 @@ class Refining:
             self.stats.held = len(self._loop.held)
             self.stats.before = self.stats.looks[0][1]
 
-    def run(self, show: Callable[..., Iterator[int]] | None = None) -> Gaussians:
+    def run(self, told: Told = NOBODY) -> Gaussians:
         """Take the steps.
 
         Args:
-            show: passes an iterator of steps on, given it, how many there will be at most (None where time decides) and
-                what says how things stand.
+            told: is told of each step.
 
         Returns:
             Gaussians whose notes say how they were refined, or those given.
         """
-        taken = self._advance()
-        for _ in show(taken, self._limit if self._deadline == math.inf else None, self._note) if show else taken:
+        most = self._limit if self._deadline == math.inf else None
+        for _ in told.progress("refine", self._advance(), self._note, most):
             pass
         return self._result()
 

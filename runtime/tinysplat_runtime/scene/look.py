@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 from .cameras import Camera
 
 LOOK_WIDTH = 96
@@ -148,7 +148,7 @@ def _told(
     return [(one[0], one[0].clear & _agreement(*one)[1]) for one in both]
 
 
-def range_seen(images: NDArray, cameras: Sequence[Camera], show: Show = plain) -> tuple[float, float]:
+def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) -> tuple[float, float]:
     """(near, far) that photos agree about, scene units, for scenes that state none.
 
     Each photo is compared with some that stand near it, but not so near that they show no depth, and look the same way.
@@ -157,7 +157,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], show: Show = plain) -
 
     Args:
         images, cameras: as for `look`.
-        show: is given a pair of photos at a time.
+        told: is told of each pair of photos.
 
     Raises:
         InputError: the cameras stand at one place or only turn, or the photos agree about no depth.
@@ -169,7 +169,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], show: Show = plain) -
     least = float(np.median(np.where(apart > _TWICE * extent, apart, np.inf).min(axis=1))) / 2
     while True:
         pairs = _pairs(cameras, least)
-        depths = [_depths_agreed(images, cameras, pair, float(apart[pair])) for pair in show(pairs, len(pairs), str)]
+        depths = [_depths_agreed(images, cameras, pair, float(apart[pair])) for pair in told.progress("depths", pairs)]
         agreed = np.concatenate([of_one for both in depths for of_one in both])
         apart_most = float(np.median([apart[pair] for pair in pairs]))
         least *= _FARTHER

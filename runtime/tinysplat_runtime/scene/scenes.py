@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, warn
 from ..system.jsonfields import MAX_DEPTH
 from ..system.printable import type_of
-from ..system.progress import Show, plain
+from ..system.told import NOBODY, Told
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
 from .images import read_image
@@ -218,11 +218,11 @@ class Scene:
         resized = (frame.resized(int(height), int(width), keep=i < room) for i, frame in enumerate(self.frames))
         return replace(self, frames=tuple(resized))
 
-    def images(self, show: Show = plain) -> NDArray:
+    def images(self, told: Told = NOBODY) -> NDArray:
         """Read the photos.
 
         Args:
-            show: is given a photo at a time.
+            told: is told of each photo.
 
         Returns:
             (V, H, W, 3) float32 in [0, 1].
@@ -233,7 +233,7 @@ class Scene:
         self.check_one_size()
         camera = self.frames[0].camera
         images = np.empty((len(self.frames), camera.height, camera.width, 3), np.float32)
-        for v, frame in enumerate(show(self.frames, len(self.frames), str)):
+        for v, frame in enumerate(told.progress("reading", self.frames)):
             images[v] = frame.image()
         return images
 

@@ -17,15 +17,6 @@ from .printable import printable
 
 T = TypeVar("T")
 
-Show = Callable[[Iterable[Any], int, Callable[[], str]], Iterator[Any]]
-"""Passes on items, of which there are so many, and shows how far it is; what the third returns is said with it."""
-
-
-def plain(items: Iterable[Any], total: int, note: Callable[[], str]) -> Iterator[Any]:
-    """A `Show` that shows nothing."""
-    return iter(items)
-
-
 LOG_EVERY_S = 50.0
 """Seconds between lines where standard error is no terminal."""
 
@@ -33,6 +24,9 @@ TERMINAL_EVERY_S = 1.0
 
 _speaking: list[object] = []
 """Who may speak, outermost first: the process has one standard error."""
+
+_step = [""]
+"""What the outermost says that it does."""
 
 
 def progress(
@@ -89,7 +83,7 @@ def working(label: str, *, quiet: bool, note: Callable[[], str] = str) -> Iterat
 
 @contextlib.contextmanager
 def still_there(label: str, *, quiet: bool) -> Iterator[None]:
-    """Say that a command runs, where nothing within it speaks.
+    """Say that a command runs, where nothing within it speaks, and in a log which step of it.
 
     On a terminal these are few characters, and the cursor returns before them: whatever is printed next covers them.
     """
@@ -97,13 +91,19 @@ def still_there(label: str, *, quiet: bool) -> Iterator[None]:
 
     def speak() -> None:
         seconds = f"{time.monotonic() - start:.0f} s"
-        print(f"\r{seconds}\r" if terminal else f"{label}: {seconds}\n", end="", file=sys.stderr, flush=True)
+        print(f"\r{seconds}\r" if terminal else f"{_step[0]}: {seconds}\n", end="", file=sys.stderr, flush=True)
 
+    step(label)
     if quiet:
         yield
         return
     with _speaker(speak):
         yield
+
+
+def step(label: str) -> None:
+    """From now on this is what a command does."""
+    _step[0] = label
 
 
 @contextlib.contextmanager

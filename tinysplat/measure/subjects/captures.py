@@ -46,4 +46,4 @@ def spread(scene: Scene, count: int) -> Scene:
 
 def found_for(scene: Scene) -> Scene:
     """A scene between the depths that `encode` finds where its layout states none, as those of most tools do."""
-    return prepared(EncodeRequest(replace(scene, near=None, far=None), views=ALL, size="full"), str)
+    return prepared(EncodeRequest(replace(scene, near=None, far=None), views=ALL, size="full"))

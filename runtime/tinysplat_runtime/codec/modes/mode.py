@@ -32,3 +32,9 @@ class Mode(Generic[BodyKind]):
     encode: Callable[[Job], bytes]
     decode: Callable[[OpenFile, BodyKind], Gaussians]
     coder: Callable[[Job], Coder] | None = None
+
+    def coder_of(self, job: Job) -> Coder:
+        """What codes a job: where nothing can be searched for, in one way."""
+        from ..search import Once
+
+        return self.coder(job) if self.coder else Once(job.profile, lambda: self.encode(job))
