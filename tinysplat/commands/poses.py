@@ -81,7 +81,7 @@ def run(args: Namespace) -> None:
         except InputError as error:
             raise InputError(error.message, where=str(source)) from None
         model = placement.model
-        arrays = model_arrays(model)
+        arrays = model_arrays(model, {})
         entries = json.loads(arrays["entries"].tobytes())
         kept = np.array([entry["name"] not in placement.wrong for entry in entries])
         if kept.sum() < 2:

@@ -295,6 +295,28 @@ def put(inverse: NDArray, to_photo: NDArray, shift: NDArray, out: NDArray) -> No
 
 
 @compiled
+def _middle(values: NDArray) -> Number:
+    """The median of an odd number of values, whose order changes (Hoare's quickselect)."""
+    low, high, middle = 0, len(values) - 1, len(values) // 2
+    while low < high:
+        pivot, i, j = values[middle], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if j < middle:
+            low = i
+        if middle < i:
+            high = j
+    return values[middle]
+
+
+@compiled
 def medians(values: NDArray, radius: int, out: NDArray) -> None:
     """Medians over (2·radius + 1)² pixels of (h, w), edges repeated."""
     height, width = values.shape
@@ -308,4 +330,4 @@ def medians(values: NDArray, radius: int, out: NDArray) -> None:
                 for dx in range(-radius, radius + 1):
                     near[n] = values[row, min(max(x + dx, 0), width - 1)]
                     n += 1
-            out[y, x] = np.partition(near, n // 2)[n // 2]
+            out[y, x] = _middle(near)
