@@ -53,8 +53,8 @@ def test_folder_loads_with_cameras_photos_and_depths(folder: Path) -> None:
 
 def test_views_keep_the_order_given_and_photos_are_read_only_when_asked_for(folder: Path) -> None:
     """Of a scene that its .json file names."""
-    (folder / "images" / "0001.png").unlink()
     scene = load_scene(str(folder / "cameras.json"))
+    (folder / "images" / "0001.png").unlink()
     chosen = scene.views(np.array([2, 0]))
     assert chosen.frames == (scene.frames[2], scene.frames[0])
     assert chosen.depth_range() == scene.depth_range() and chosen.images().shape == (2, 24, 32, 3)
