@@ -227,6 +227,17 @@ def _colmap(rng: Random) -> None:
         load_scene(folder)
 
 
+def _tracker(rng: Random) -> None:
+    """A damaged file of another tracker, sometimes with a damaged list of names, beside its photos."""
+    name, files = rng.choice(corpus.tracker_seeds())
+    with tempfile.TemporaryDirectory() as folder:
+        for other, data in files.items():
+            if other == name or (other.endswith(".txt") and rng.random() < 0.3):
+                data = (damage_json if other.endswith(".sfm") else damage_text)(data, rng)
+            (Path(folder) / other).write_bytes(data)
+        load_scene(Path(folder) / name)
+
+
 def _sog_folder(rng: Random) -> None:
     """A folder with a damaged `meta.json`, or pictures damaged, swapped or left out."""
     files = dict(rng.choice(corpus.sog_folder_seeds()))
@@ -320,6 +331,7 @@ TARGETS: dict[str, Target] = {
         Target("usd", _usd, (InputError,), (".usd", *(suffix for suffix, _ in USD))),  # .usd is text or binary
         Target("transforms", _transforms, (InputError,)),
         Target("colmap", _colmap, (InputError,)),
+        Target("trackers", _tracker, (InputError,)),
         Target("photos", _photo_file, (FormatError, ModelError, InputError, NumericError)),
         Target("like", _like, (FormatError, InputError, NumericError)),
         Target("network", _from_file(".onnx", network_seeds, _network, damage_network), (ModelError, NumericError)),

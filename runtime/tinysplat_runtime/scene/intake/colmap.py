@@ -32,7 +32,7 @@ from ..lenses import INSTALL, Lens
 from ..scenes import Frame, Scene, even_sizes
 from .colmap_binary import check_counts
 from .depths import depth_range_in_view, observed_range
-from .photos import check_inside, find_folder, find_photo, lens_of_copy, present
+from .photos import check_inside, find_folder, find_photo, is_there, lens_of_copy, present
 
 MODEL_FOLDERS = (
     "sparse", "sparse/*", "colmap/sparse", "colmap/sparse/*", "dense/sparse", "dense/*/sparse", "colmap",
@@ -149,7 +149,7 @@ def _photos(folder: Path, model: Path, names: Sequence[str]) -> list[Path]:
     roots = [root for place in above for root in (find_folder(place, "images"), place) if root is not None]
     for root in roots:
         photos = [find_photo(root, name) for name in names]
-        if any(photo.is_file() for photo in photos):
+        if any(is_there(photo) for photo in photos):
             return photos
     return [folder / "images" / name for name in names]
 

@@ -20,7 +20,7 @@ from ...system.jsonfields import kind_of, photo_name
 from ..cameras import Camera, finite_array
 from ..lenses import intrinsics
 from ..scenes import Frame
-from .photos import find_photo, present
+from .photos import find_photo, is_there, present
 
 
 def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
@@ -31,7 +31,7 @@ def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
     """
     cameras = inria_cameras(entries)
     names = [photo_name(i, entry, "img_name") for i, entry in enumerate(entries)]
-    beside = [folder if find_photo(folder, name).is_file() else folder / "images" for name in names]
+    beside = [folder if is_there(find_photo(folder, name)) else folder / "images" for name in names]
     photos = [find_photo(place, name) for place, name in zip(beside, names, strict=True)]
     return [Frame(cameras[i], photos[i]) for i in present(photos, str(folder))]
 

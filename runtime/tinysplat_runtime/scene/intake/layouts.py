@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from ..cameras import Camera
 from ..footage import SUFFIXES
 from ..images import PHOTO_SUFFIXES
 from ..scenes import Scene
+from . import bundler, meshroom, metashape, realityscan
 from .cameras_json import CAMERAS_FILE, cameras_alone, load_folder
 from .colmap import load_colmap, model_folder
 from .exports import Reader, export_reader
@@ -20,17 +24,25 @@ from .llff import LLFF_FILE, load_llff
 from .nerfstudio import BLENDER_FILE, FILE, load_transforms
 from .photos import photos_in
 from .realestate import load_realestate
+from .tracked import Track, load_track
 
 NOT_READ = {
-    "*.psx": "Metashape",
-    "*.psz": "Metashape",
-    "*.sfm": "Meshroom",
-    "*.mg": "Meshroom",
-    "MeshroomCache": "Meshroom",
-    "bundle*.out": "Bundler",
+    "*.psx": "Metashape are read from what `Export Cameras` writes (.xml), not from its projects",
+    "*.psz": "Metashape are read from what `Export Cameras` writes (.xml), not from its projects",
+    "*.mg": "Meshroom are read from `cameras.sfm` of its node StructureFromMotion",
+    "MeshroomCache": "Meshroom are read from `cameras.sfm` of its node StructureFromMotion",
 }
-"""Files of tools whose cameras are in none of the layouts."""
+"""Files of tools whose cameras are in other files."""
 
+TRACKERS: dict[str, tuple[bytes, Callable[[Path], Track]]] = {
+    "*.xml": (metashape.SIGN, metashape.read_metashape),
+    "*.csv": (realityscan.SIGN, realityscan.read_realityscan),
+    "*.out": (bundler.SIGN, bundler.read_bundler),
+    "*.sfm": (meshroom.SIGN, meshroom.read_meshroom),
+}
+"""Files of trackers: a sign in their first bytes, and what reads them."""
+
+_SIGN_BYTES = 4096
 _MOST_FOLDERS = 200  # that are searched for photos
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
@@ -49,8 +61,8 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
     Args:
         path: a folder with `cameras.json`, with nerfstudio's or instant-ngp's `transforms.json`, or with a COLMAP model
             in `sparse/`, with Blender's `transforms_train.json` or LLFF's `poses_bounds.npy`; one of these .json files;
-            what Polycam, Record3D or OpenSfM export; or a RealEstate10K camera file (.txt). For a video and poses see
-            `video.video_scene`.
+            what Polycam, Record3D, OpenSfM, Metashape, RealityScan, Bundler or Meshroom export; or a RealEstate10K
+            camera file (.txt). For a video and poses see `video.video_scene`.
         near: replaces the scene's own near depth, scene units.
         far: replaces the scene's own far depth.
 
@@ -88,9 +100,13 @@ def foreign_reader(path: Path) -> Reader | None:
             return load_transforms
         if (path / LLFF_FILE).exists():
             return load_llff
-        return load_colmap if model_folder(path) is not None else export_reader(path)
+        if model_folder(path) is not None:
+            return load_colmap
+        return export_reader(path) or _tracker(path)
     if path.suffix == ".json" and path.name.startswith("transforms"):
         return load_transforms
+    if (tracker := _tracker(path)) is not None:
+        return tracker
     if path.suffix.lower() in SUFFIXES:
         advice = f"`tinysplat poses {path} -o SCENE` finds them; or --poses {POSES}"
         raise InputError(f"a video needs its cameras: {advice}", where=str(path))
@@ -101,11 +117,34 @@ def foreign_reader(path: Path) -> Reader | None:
     return load_realestate if path.suffix == ".txt" else None
 
 
+def _tracker(path: Path) -> Reader | None:
+    """What reads a tracker's file, or the largest such file of a folder; None where it is none."""
+    for pattern, (sign, read) in TRACKERS.items():
+        files = [*path.glob(pattern)] if path.is_dir() else [path] if path.match(pattern) else []
+        signed = [file for file in files if not file.name.startswith(".") and _has(file, sign)]
+        if signed:
+            return partial(_load_tracked, max(signed, key=lambda file: file.stat().st_size), read)
+    return None
+
+
+def _load_tracked(
+    file: Path, read: Callable[[Path], Track], path: Path, near: float | None, far: float | None
+) -> Scene:
+    return load_track(file, read, near, far)
+
+
+def _has(file: Path, sign: bytes) -> bool:
+    """Whether a file begins with a sign, whatever stands before it."""
+    try:
+        with file.open("rb") as stream:
+            return re.search(sign, stream.read(_SIGN_BYTES)) is not None
+    except OSError:
+        return False
+
+
 def _cameras_file(path: Path) -> Path:
     if path.is_dir() and not (path / CAMERAS_FILE).exists():
-        tool = next(
-            (f"cameras of {tool} are not read; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), ""
-        )
+        tool = next((f"cameras of {tool}; " for sign, tool in NOT_READ.items() if any(path.glob(sign))), "")
         inner = (folder for pattern in ("*", "*/*") for folder in sorted(path.glob(pattern)) if folder.is_dir())
         folders = [path, *islice(inner, _MOST_FOLDERS)]  # two levels deep: where tools keep their photos
         photos, folder = max(((len(photos_in(folder)), folder) for folder in folders), key=lambda pair: pair[0])

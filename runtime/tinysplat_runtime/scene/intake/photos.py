@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -37,10 +37,18 @@ def is_photo(name: str) -> bool:
     return not name.startswith(".") and Path(name).suffix.lower() in PHOTO_SUFFIXES
 
 
+def is_there(path: Path, kind: Callable[[Path], bool] = Path.is_file) -> bool:
+    """Whether there is such a file, or folder; a name that no file can have is none's."""
+    try:
+        return kind(path)
+    except (OSError, ValueError):
+        return False
+
+
 def find_photo(folder: Path, name: str) -> Path:
     """Where the photo of a name lies that is relative to a folder; without one, where it should."""
     exact = folder / name
-    if exact.is_file():
+    if is_there(exact):
         return exact
     found: Path | None = folder
     *parts, last = name.replace("\\", "/").split("/")
@@ -55,7 +63,9 @@ def find_folder(folder: Path, name: str) -> Path | None:
     if name in ("", "."):
         return folder
     candidates = [name, *_listing(folder).get(_plain(name), ()), *SMALLER.get(name.lower(), ())]
-    return next((path for path in (folder / candidate for candidate in candidates) if path.is_dir()), None)
+    return next(
+        (path for path in (folder / candidate for candidate in candidates) if is_there(path, Path.is_dir)), None
+    )
 
 
 def _find_file(folder: Path, name: str) -> Path | None:
@@ -64,7 +74,7 @@ def _find_file(folder: Path, name: str) -> Path | None:
     stem = path.stem if path.suffix.lower() in PHOTO_SUFFIXES else name
     names = [name, *(stem + suffix for suffix in PHOTO_SUFFIXES)]
     candidates = (other for wanted in names for other in (wanted, *_listing(folder).get(_plain(wanted), ())))
-    return next((path for path in (folder / candidate for candidate in candidates) if path.is_file()), None)
+    return next((path for path in (folder / candidate for candidate in candidates) if is_there(path)), None)
 
 
 def _listing(folder: Path) -> dict[str, list[str]]:
@@ -102,7 +112,7 @@ def present(photos: Sequence[Path], where: str) -> list[int]:
 
     Photos that lie beside them and are not of the scene are counted, too.
     """
-    missing = [i for i, photo in enumerate(photos) if not photo.is_file()]
+    missing = [i for i, photo in enumerate(photos) if not is_there(photo)]
     if len(missing) == len(photos):
         return [*range(len(photos))]
     if missing:

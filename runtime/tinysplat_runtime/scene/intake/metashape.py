@@ -1,0 +1,111 @@
+"""Cameras that Agisoft Metashape exports as `.xml` ("Export Cameras").
+
+A camera's transform leads from the camera, whose axes are OpenCV's, to its chunk, of which a component has the scale:
+lengths are metres where that is known. Components are not aligned to each other, so the largest is read. Distortion is
+of X/Z and Y/Z, or of the angle in fisheyes: k1 to k4 by even powers of the radius, p1 and p2 in the reverse of
+OpenCV's order; b1 is fx − fy and b2 a skew. Source: Agisoft Metashape User Manual, appendix C, "Camera models".
+
+Trust boundary: documents with a type or entities of their own are refused before they are parsed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from xml.etree import ElementTree
+
+from ...errors import InputError, warn
+from ...system.files import parsing, read_limited
+from ..lenses import Lens, opencv_lens
+from ..scenes import MAX_CAMERAS_BYTES
+from .tracked import Track, Tracked, number, numbers, posed
+
+SIGN = rb"<document\b[^>]*>\s*(<\w+[^>]*/>\s*)*<chunk\b"
+
+_UNREAD = ("k5", "k6", "p3", "p4", "b2")
+_TYPES = ("frame", "fisheye")
+_HARDLY = 0.5  # pixels at the border that a term may move unread
+
+
+def read_metashape(file: Path) -> Track:
+    """The cameras of the largest component of the chunk with most of them.
+
+    Raises:
+        InputError: names the camera or sensor and its field.
+    """
+    data = read_limited(file, MAX_CAMERAS_BYTES)
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise InputError("declares a document type or entities, which Metashape does not")
+    with parsing("XML"):
+        root = ElementTree.fromstring(data)
+    chunks = [_chunk(chunk, str(file)) for chunk in root.iter("chunk")]
+    return max(chunks, key=lambda track: len(track.cameras), default=Track(()))
+
+
+def _chunk(chunk: ElementTree.Element, file: str) -> Track:
+    sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
+    scales = {part.get("id"): part.find("transform/scale") for part in chunk.iter("component")}
+    cameras = [camera for camera in chunk.iter("camera") if _text(camera.find("transform"))]
+    parts = Counter(camera.get("component_id") for camera in cameras)
+    if not parts:
+        return Track(())
+    (largest, count), *_ = parts.most_common()
+    if len(parts) > 1:
+        left = f"{len(cameras) - count} photos of others are left out"
+        warn(f"{file}: {len(parts)} components, of which the largest is read; {left}")
+    scale = number("component scale", _text(scales.get(largest)) or 1)
+    tracked = []
+    for camera in cameras:
+        label = camera.get("label") or ""
+        if camera.get("component_id") != largest or camera.get("enabled") in ("false", "0") or not label:
+            continue
+        if (sensor := sensors.get(camera.get("sensor_id"))) is None:
+            raise InputError(f"{camera.get('sensor_id')}, which is none of the sensors", where=f"{label}.sensor_id")
+        matrix = numbers(f"{label}.transform", _text(camera.find("transform")), 16).reshape(4, 4)
+        pose = posed(matrix[:3, :3], scale * matrix[:3, 3])
+        tracked.append(Tracked(label, pose, partial(_lens, sensor)))
+    return Track(tracked)
+
+
+def _text(element: ElementTree.Element | None) -> str:
+    return (element.text or "").strip() if element is not None else ""
+
+
+def _lens(sensor: ElementTree.Element, size: tuple[int, int]) -> Lens:
+    name = f"sensor {sensor.get('label') or sensor.get('id')}"
+    kind = sensor.get("type", "frame")
+    if kind not in _TYPES:
+        raise InputError(f"'{kind[:40]}', expected {' or '.join(_TYPES)}", where=f"{name}.type")
+    calibrations = {found.get("class", "adjusted"): found for found in sensor.findall("calibration")}
+    calibration = calibrations.get("adjusted", calibrations.get("initial"))
+    if calibration is None:
+        raise InputError("missing", where=f"{name}.calibration")
+    value = _values(calibration, name)
+    resolution = sensor.find("resolution")
+    width, height = (
+        (int(number(f"{name}.resolution.{side}", resolution.get(side))) for side in ("width", "height"))
+        if resolution is not None
+        else size[::-1]
+    )
+    for term in _UNREAD:
+        if abs(value(term)) * (0.5 if term == "b2" else max(width, height)) > _HARDLY:
+            raise InputError(f"{value(term):g}, which no camera here has: export without it", where=f"{name}.{term}")
+    fx, fy = value("fx") or value("f") + value("b1"), value("fy") or value("f")
+    is_fisheye = kind == "fisheye"
+    if value("k4") and not is_fisheye:
+        fault = f"{value('k4'):g}, a term of r⁸, which no camera here has: optimise without it"
+        raise InputError(fault, where=f"{name}.k4")
+    terms = (value("k1"), value("k2"), value("k3"), value("k4"), 0.0, 0.0, value("p2"), value("p1"))
+    centre = (width / 2 + value("cx"), height / 2 + value("cy"))
+    return opencv_lens((fx, fy), centre, terms, (height, width), fisheye=is_fisheye)
+
+
+def _values(calibration: ElementTree.Element, name: str) -> Callable[[str], float]:
+    """What gives a field of a calibration, 0 where there is none."""
+
+    def value(field: str) -> float:
+        return number(f"{name}.{field}", _text(calibration.find(field)) or 0)
+
+    return value

@@ -1,0 +1,182 @@
+"""Cameras of other trackers: distortion by its name, and what no camera here can express.
+
+Poses are held by `test_every_layout`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import make_photo, refused, tells
+
+from tinysplat_runtime.errors import InputWarning
+from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.lenses import Lens
+from tinysplat_runtime.scene.pictures import write_png
+
+HEIGHT, WIDTH, F = 48, 64, 60.0
+POSE = " ".join(map(str, np.eye(4).ravel()))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "images").mkdir()
+    write_png(tmp_path / "images/a.png", make_photo(HEIGHT, WIDTH))
+    return tmp_path
+
+
+def metashape(folder: Path, kind: str = "frame", extra: str = "", **terms: float) -> Path:
+    fields = "".join(f"<{name}>{value}</{name}>" for name, value in {"f": F, **terms}.items())
+    sensor = f'<sensor id="0" label="X" type="{kind}"><resolution width="{WIDTH}" height="{HEIGHT}"/>'
+    cameras = f'<camera id="0" sensor_id="0" label="a"><transform>{POSE}</transform></camera>{extra}'
+    (folder / "c.xml").write_text(
+        f"<document><chunk><sensors>{sensor}<calibration>{fields}</calibration></sensor></sensors>"
+        f"<cameras>{cameras}</cameras></chunk></document>"
+    )
+    return folder / "c.xml"
+
+
+def realityscan(folder: Path, **terms: float) -> Path:
+    values = {"x": 0, "y": 0, "alt": 0, "heading": 0, "pitch": 0, "roll": 0, "f": F * 36 / WIDTH, **terms}
+    rows = [["#name", *values], ["a.png", *values.values()]]
+    (folder / "c.csv").write_text("\n".join(",".join(map(str, row)) for row in rows))
+    return folder / "c.csv"
+
+
+def bundler(folder: Path, k1: float = 0.0, k2: float = 0.0) -> Path:
+    rows = ["# Bundle file v0.3", "1 0", f"{F} {k1} {k2}", "1 0 0", "0 1 0", "0 0 1", "0 0 0"]
+    (folder / "c.out").write_text("\n".join(rows))
+    return folder / "c.out"
+
+
+def meshroom(folder: Path, version: str = "1.2.8", view: dict[str, Any] | None = None, **lens: Any) -> Path:
+    intrinsic = {"intrinsicId": 1, "width": WIDTH, "height": HEIGHT, "type": "pinhole", "principalPoint": [0, 0]}
+    intrinsic |= {"sensorWidth": 36, "focalLength": F * 36 / WIDTH, **lens}
+    pose = {"poseId": 2, "pose": {"transform": {"rotation": np.eye(3).ravel().tolist(), "center": [0, 0, 0]}}}
+    views = [{"viewId": 3, "poseId": 2, "intrinsicId": 1, "path": "C:\\shots\\a.png", **(view or {})}]
+    document = {"version": version.split("."), "views": views, "intrinsics": [intrinsic], "poses": [pose]}
+    (folder / "c.sfm").write_text(json.dumps(document))
+    return folder / "c.sfm"
+
+
+def lens_of(path: Path) -> Lens:
+    frame = load_scene(path).frames[0]
+    K = frame.camera.K
+    return frame.lens or Lens("PINHOLE", (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), frame.camera.width, frame.camera.height)
+
+
+def brown(x: Any, y: Any, k: tuple[float, ...], across: tuple[float, float]) -> Any:
+    """Where Brown's distortion moves a ray, as OpenCV has it."""
+    r2, (p1, p2) = x * x + y * y, across
+    radial = 1 + sum(term * r2 ** (n + 1) for n, term in enumerate(k))
+    shift = 2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([x * radial + shift[0], y * radial + shift[1]], axis=1)
+
+
+def fisheye(x: Any, y: Any, k: tuple[float, ...]) -> Any:
+    r = np.hypot(x, y)
+    angle = np.arctan(r)
+    bent = angle * (1 + sum(term * angle ** (2 * n + 2) for n, term in enumerate(k)))
+    return np.stack([x * bent / r, y * bent / r], axis=1)
+
+
+K, P = (0.1, -0.05, 0.02), (0.003, -0.002)
+LENSES: list[tuple[Callable[..., Path], dict[str, Any], Callable[..., Any]]] = [
+    (metashape, {"k1": K[0], "k2": K[1], "k3": K[2], "p1": P[1], "p2": P[0]}, lambda x, y: brown(x, y, K, P)),
+    (metashape, {"kind": "fisheye", "k1": 0.1, "k4": 0.02}, lambda x, y: fisheye(x, y, (0.1, 0, 0, 0.02))),
+    (realityscan, {"k1": K[0], "k2": K[1], "k3": K[2], "t1": P[0], "t2": P[1]}, lambda x, y: brown(x, y, K, P)),
+    (bundler, {"k1": K[0], "k2": K[1]}, lambda x, y: brown(x, y, K[:2], (0, 0))),
+    (meshroom, {"type": "radial3", "distortionParams": K}, lambda x, y: brown(x, y, K, (0, 0))),
+    (meshroom, {"distortionType": "brown", "distortionParams": (*K, *P)}, lambda x, y: brown(x, y, K, P)),
+    (meshroom, {"type": "fisheye4", "distortionParams": (*K, 0.01)}, lambda x, y: fisheye(x, y, (*K, 0.01))),
+]
+
+
+@pytest.mark.parametrize(("write", "terms", "bent"), LENSES)
+def test_distortion_bends_rays_as_its_tool_says(folder: Path, write, terms: dict[str, Any], bent) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    lens = lens_of(write(folder, **terms))
+    x, y = np.array([[0.2, -0.3, 0.1], [0.1, 0.2, -0.25]])
+    camera = pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
+    found = camera.img_from_cam(np.stack([x, y, np.ones(3)], axis=1))
+    np.testing.assert_allclose(found, bent(x, y) * F + [WIDTH / 2, HEIGHT / 2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("version", "fields", "expected"),
+    [
+        ("1.0.0", {"pxFocalLength": 50, "principalPoint": [30, 20]}, (50, 50, 30, 20)),
+        ("1.2.0", {"pxFocalLength": [50, 55], "principalPoint": [30, 20]}, (50, 55, 30, 20)),
+        ("1.2.1", {"pxFocalLength": [50, 55], "principalPoint": [-2, 1]}, (50, 55, 30, 25)),
+        ("1.2.4", {"focalLength": 18, "pixelRatio": 2}, (32, 16, 32, 24)),
+        ("1.2.6", {"focalLength": 18, "pixelRatio": 2}, (32, 64, 32, 24)),
+    ],
+)
+def test_meshrooms_versions_mean_other_things_by_the_same_names(
+    folder: Path, version: str, fields: dict[str, Any], expected: tuple[float, ...]
+) -> None:
+    np.testing.assert_allclose(lens_of(meshroom(folder, version, **fields)).params, expected)
+
+
+@pytest.mark.parametrize(
+    ("write", "terms", "words"),
+    [
+        (metashape, {"k4": 0.01}, "k4"),
+        (metashape, {"p3": 0.1}, "p3"),
+        (metashape, {"b2": 30.0}, "b2"),
+        (metashape, {"kind": "spherical"}, "'spherical'"),
+        (metashape, {"kind": "fisheye", "p1": 0.1}, "p2"),
+        (metashape, {"f": "wide"}, "f 'wide'"),
+        (realityscan, {"k4": 0.01}, "k4"),
+        (realityscan, {"heading": "north"}, "heading 'north'"),
+        (meshroom, {"type": "3deanamorphic4"}, "'3deanamorphic4'"),
+        (meshroom, {"view": {"rigId": 4}}, "rigId"),
+        (meshroom, {"principalPoint": [1]}, "principalPoint"),
+        (meshroom, {"sensorWidth": 0}, "sensorWidth"),
+        (meshroom, {"view": {"poseId": 77}}, "pose"),
+        (bundler, {"k1": "nan"}, "0 k1"),
+    ],
+)
+def test_what_no_camera_here_has_is_refused_by_its_name(folder: Path, write, terms: dict[str, Any], words: str) -> None:
+    assert tells(refused(load_scene, write(folder, **terms)), words)
+
+
+def test_a_skew_that_moves_nothing_is_let_pass(folder: Path) -> None:
+    assert lens_of(metashape(folder, b2=0.4, p3=1e-4)).is_pinhole
+
+
+def test_of_components_the_largest_is_read(folder: Path) -> None:
+    others = "".join(
+        f'<camera id="{i}" sensor_id="0" component_id="1" label="{name}"><transform>{POSE}</transform></camera>'
+        for i, name in enumerate(("b", "c"))
+    )
+    for name in "bc":
+        write_png(folder / f"images/{name}.png", make_photo(HEIGHT, WIDTH))
+    path = metashape(folder, extra=others)
+    with pytest.warns(InputWarning) as caught:
+        scene = load_scene(path)
+    assert any(tells(str(entry.message), f"{path}: 2 components 1 photos") for entry in caught)
+    assert [frame.path.stem for frame in scene.frames] == ["b", "c"]
+
+
+@pytest.mark.parametrize("declared", ['<!DOCTYPE a [<!ENTITY b "c">]>', '<!DOCTYPE a SYSTEM "file:///etc/passwd">'])
+def test_documents_with_types_of_their_own_are_refused_unparsed(folder: Path, declared: str) -> None:
+    path = metashape(folder)
+    path.write_text(f"{declared}{path.read_text()}")
+    assert "document type" in refused(load_scene, path)
+
+
+def test_bundlers_counts_are_held_against_its_lines(folder: Path) -> None:
+    path = bundler(folder)
+    path.write_text(path.read_text().replace("1 0\n", "900000000 0\n", 1))
+    assert tells(refused(load_scene, path), "900000000")
+
+
+def test_photos_that_are_nowhere_are_named(folder: Path) -> None:
+    (folder / "images/a.png").unlink()
+    assert tells(refused(load_scene, realityscan(folder)), "a.png images/")
