@@ -579,8 +579,8 @@ def test_photos_alone_are_told_what_finds_their_cameras(folder: Path, tmp_path: 
     """Whether they are in the folder itself or where another tool has put them; nothing is said of an empty one."""
     for named in (folder, folder / "images"):
         assert f"tinysplat poses {folder / 'images'}" in refusal(named)
-    (folder / "bundle.out").write_text("# Bundle file v0.3\n")
-    assert "Bundler" in refusal(folder) and f"tinysplat poses {folder / 'images'}" in refusal(folder)
+    (folder / "desk.psx").write_text("")
+    assert "Export Cameras" in refusal(folder) and f"tinysplat poses {folder / 'images'}" in refusal(folder)
     (tmp_path / "empty").mkdir()
     assert "tinysplat poses" not in refusal(tmp_path / "empty")
 
