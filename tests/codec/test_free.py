@@ -192,11 +192,7 @@ def test_a_prefix_shows_what_is_there_and_says_when_that_is_too_little():
 
 
 def _end_of(data: bytes, name: str) -> int:
-    container = read_container(data)
-    assert container.body.scene is not None
-    record = next(c.record for c in container.body.scene.tiers[0].channels if c.record.name == name)
-    section = next(s for s in container.pictures.sections if s.kind == record.plane_class.facts.section)
-    return section.end - section.length + record.streams[0].offset + record.streams[0].length
+    return next(record.pictures[0].end for _, record in read_container(data).table.rows if record.name == name)
 
 
 @pytest.mark.parametrize(("count", "side"), [(1, 1), (1, 0), (7, 1), (500, 4), (2000, 21), (9000, 3)])

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scenes import refusing, write_scene
-from sections import file_of, sections_of
+from sections import changed_section
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import photos as P
@@ -36,6 +34,22 @@ def file(scene: ts.Scene) -> bytes:
     return RUNTIME.encode(scene, MODEL, mode="photos")
 
 
+FIRST, SECOND = (100, 101, 102, 103), (104, 105, 106, 107)
+
+
+def with_groups(file: bytes, *groups: tuple[int, ...], tail: int = 0) -> bytes:
+    """The file with groups of such numbers; those from 100 on are kept, of the view 100 less."""
+
+    def change(text: bytearray) -> None:
+        text[P.PHOTOS_FIXED.size - 2 :] = len(groups).to_bytes(2, "little")
+        for group in groups:
+            text += P.GROUP_FIXED.pack(len(group))
+            text += b"".join(P.GROUP_VIEW.pack(v - 100 + P.KEPT if v >= 100 else v) for v in group)
+        text[len(text) + tail if tail < 0 else len(text) :] = bytes(max(tail, 0))
+
+    return changed_section(file, P.PHOTOS, change)
+
+
 def groups_in(data: bytes) -> tuple[Group, ...]:
     return read_container(data).body.groups
 
@@ -54,56 +68,35 @@ def test_a_reader_runs_the_groups_of_the_file(raw: ts.Gaussians, file: bytes) ->
     decoded = RUNTIME.decompress(file)
     assert decoded.opacities.shape == raw.opacities.shape and len(decoded.cameras) == VIEWS
     regrouped = [Group(tuple(range(4)), tuple(range(4))), Group(tuple(range(4, VIEWS)), tuple(range(4, VIEWS)))]
-    sections = [
-        [kind, flags, index, P.group_sections(regrouped)[0].data if kind == P.GROUPS else data]
-        for kind, flags, index, data in sections_of(file)
-    ]
-    other = RUNTIME.decompress(file_of(sections))
-    assert groups_in(file_of(sections)) == tuple(regrouped)
+    data = with_groups(file, FIRST, SECOND)
+    other = RUNTIME.decompress(data)
+    assert groups_in(data) == tuple(regrouped)
     assert (other.means != decoded.means).any()
 
 
 def test_few_photos_need_no_groups(scene: ts.Scene) -> None:
     data = RUNTIME.encode(scene.views(range(4)), MODEL, mode="photos")
-    assert P.GROUPS not in {kind for kind, *_ in sections_of(data)}
     assert groups_in(data) == (Group((0, 1, 2, 3), (0, 1, 2, 3)),)
 
 
-def words(*groups: tuple[int, ...]) -> Callable[[bytes], bytes]:
-    """A section of groups of such numbers; those from 100 on are kept, of the view 100 less."""
-
-    def change(_: bytes) -> bytes:
-        rows = [
-            P.GROUP_FIXED.pack(len(group))
-            + b"".join(P.GROUP_VIEW.pack(v - 100 + P.KEPT if v >= 100 else v) for v in group)
-            for group in groups
-        ]
-        return P.GROUPS_FIXED.pack(len(groups)) + b"".join(rows)
-
-    return change
-
-
-FIRST, SECOND = (100, 101, 102, 103), (104, 105, 106, 107)
-
 HOSTILE = {
-    "a view that is not there": words(FIRST, (104, 105, 106, 107, 108)),
-    "views out of order": words(FIRST, (105, 104, 106, 107)),
-    "a view twice in a group": words(FIRST, (4, 104, 105, 106, 107)),
-    "a view that two groups keep": words(FIRST, (103, *SECOND)),
-    "a view that none keeps": words(FIRST, (4, 105, 106, 107)),
-    "a group that keeps none": words(FIRST, (1, 2), SECOND),
-    "an empty group": words(FIRST, (), SECOND),
-    "no groups": words(),
-    "cut short": lambda section: section[:-1],
-    "too long": lambda section: section + b"\0",
+    "a view that is not there": (FIRST, (104, 105, 106, 107, 108)),
+    "views out of order": (FIRST, (105, 104, 106, 107)),
+    "a view twice in a group": (FIRST, (4, 104, 105, 106, 107)),
+    "a view that two groups keep": (FIRST, (103, *SECOND)),
+    "a view that none keeps": (FIRST, (4, 105, 106, 107)),
+    "a group that keeps none": (FIRST, (1, 2), SECOND),
+    "an empty group": (FIRST, (), SECOND),
 }
 
 
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_groups_are_format_errors(file: bytes, case: str) -> None:
-    sections = [
-        [kind, flags, index, HOSTILE[case](data) if kind == P.GROUPS else data]
-        for kind, flags, index, data in sections_of(file)
-    ]
-    with refusing(FormatError, "GRPS[0]"):
-        read_container(file_of(sections))
+    with refusing(FormatError, "PHOT[0]"):
+        read_container(with_groups(file, *HOSTILE[case]))
+
+
+@pytest.mark.parametrize("tail", [-1, 1])
+def test_groups_end_with_their_section(file: bytes, tail: int) -> None:
+    with refusing(FormatError, "PHOT[0]"):
+        read_container(with_groups(file, FIRST, SECOND, tail=tail))

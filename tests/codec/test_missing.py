@@ -12,10 +12,9 @@ from scenes import make_smooth_gaussians, tells
 import tinysplat_runtime as ts
 from tinysplat_runtime import cli
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
-from tinysplat_runtime.gaussian.planes import GEOMETRY, PlaneClass
+from tinysplat_runtime.gaussian.planes import CODING_ORDER, GEOMETRY, PlaneClass
 
 
 @pytest.fixture(scope="module")
@@ -31,21 +30,12 @@ def _flip(data: bytes, position: int) -> bytes:
 
 def _position(seed: Seed, plane_class: PlaneClass, view: int) -> int:
     """A byte in the middle of the first picture of a class, in the file."""
-    container = read_container(seed.data)
-    stream = next(c for c in container.body.layers[0].channels if c.plane_class == plane_class and c.streams).streams[
-        view
-    ]
-    before = sum(len(p.data) for p in seed.parts[: _section(seed, plane_class)])
-    header = L.HEADER.size + len(seed.parts) * L.TABLE_ROW.size
-    return header + before + stream.offset + stream.length // 2
-
-
-def _section(seed: Seed, plane_class: PlaneClass) -> int:
-    return next(i for i, p in enumerate(seed.parts) if (p.kind, p.index) == (L.PLANES[plane_class], 0))
+    place = next(p for p in seed.pict.places if p.row[:2] == (0, plane_class) and p.view == view)
+    return seed.place_in_file(place.start + place.length // 2)
 
 
 @pytest.mark.parametrize("view", [0, 1])
-@pytest.mark.parametrize("plane_class", list(PlaneClass))
+@pytest.mark.parametrize("plane_class", CODING_ORDER)
 def test_one_damaged_plane_is_named_and_the_rest_is_exact(seed: Seed, plane_class: PlaneClass, view: int) -> None:
     data = _flip(seed.data, _position(seed, plane_class, view))
     with pytest.raises(FormatError):
@@ -65,7 +55,7 @@ def test_one_damaged_plane_is_named_and_the_rest_is_exact(seed: Seed, plane_clas
         PlaneClass.OPACITY: {"opacities"},
         PlaneClass.COLOR: {"sh"},
     }[plane_class]
-    assert set(GEOMETRY) | {PlaneClass.COLOR} == set(PlaneClass)
+    assert set(GEOMETRY) | {PlaneClass.COLOR} == set(CODING_ORDER)
     for name in FIELDS:
         other = 1 - view
         np.testing.assert_array_equal(getattr(found, name)[other], getattr(whole, name)[other])
@@ -77,7 +67,7 @@ def test_one_damaged_plane_is_named_and_the_rest_is_exact(seed: Seed, plane_clas
 
 
 def test_a_cut_file_gives_what_it_holds_and_names_every_missing_plane(seed: Seed) -> None:
-    planes = sum(len(c.streams) for layer in read_container(seed.data).body.layers for c in layer.channels)
+    planes = len(seed.pict.places)
     lengths = range(len(seed.data) // 3, len(seed.data), len(seed.data) // 20)
     missing = []
     for length in lengths:

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians, write_scene
-from sections import file_of, sections_of
+from sections import beside, file_of, sections_of
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.job import EncodeStats, Job, PhotoScene
@@ -24,13 +24,14 @@ from tinysplat_runtime.codec.modes.mode import Mode
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bodies import BODIES
-from tinysplat_runtime.container.body import Body, Description, Opened, Piece
+from tinysplat_runtime.container.body import Body, Description, Opened
 from tinysplat_runtime.container.reader import read_container
+from tinysplat_runtime.container.records import CodedChannel
 from tinysplat_runtime.container.sections import Cursor, NewSection
-from tinysplat_runtime.container.units import READ_LATER
 from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.gaussian.planes import PlaneClass
 
 RUNTIME = ts.Runtime(threads=1)
 
@@ -41,37 +42,39 @@ TOY_POINTS = b"TOYP"
 
 @dataclass(frozen=True, kw_only=True)
 class Toy(Body):
-    """Grey balls of one size: their centres as float16."""
+    """Grey balls of one size: how many, and in a row of the table their centres as float16."""
 
     mode: ClassVar[str] = "toy"
+    sign: ClassVar[bytes] = TOY_POINTS
     kinds: ClassVar[frozenset[bytes]] = frozenset({TOY_POINTS})
-    signs: ClassVar[frozenset[bytes]] = kinds
 
-    means: np.ndarray
+    count: int
 
     @classmethod
     def read(cls, file: Opened) -> Toy:
+        file.check_rows([PlaneClass.POSITION])
         cursor = Cursor(file.only(TOY_POINTS))
         (count,) = cursor.unpack(struct.Struct("<I"))
-        means = np.frombuffer(cursor.take(6 * count), "<f2").reshape(count, 3)
         cursor.finish()
-        cursor.require(bool(np.isfinite(means).all()), "a centre is not finite")
-        return cls(means=means)
+        cursor.require(file.table.layer(0)[0].pictures[0].length == 6 * count, f"centres of {count} balls")
+        return cls(count=count)
 
     def describe(self) -> Description:
-        return Description(gaussians=len(self.means), sh_degree=0, pieces=(Piece("position", None, self.means.nbytes),))
+        return Description(gaussians=self.count, sh_degree=0)
 
 
 def encode_toy(job: Job) -> bytes:
     means = job.gaussians.flat().means.astype("<f2")
-    sections = [NewSection(TOY_POINTS, 0, struct.pack("<I", len(means)) + means.tobytes())]
-    return write_container([], (), np.zeros(3), "toy", job.qp, sections, notes=job.gaussians.notes)
+    sections = [NewSection(TOY_POINTS, 0, struct.pack("<I", len(means)))]
+    rows = [(0, CodedChannel(PlaneClass.POSITION, 0, 0, 0.0, 0.0, (means.tobytes(),)))]
+    return write_container((), np.zeros(3), "toy", job.qp, sections, rows, views=1, notes=job.gaussians.notes)
 
 
 def decode_toy(file: OpenFile, body: Toy) -> ts.Gaussians:
-    count = len(body.means)
-    ones = np.ones((count, 4), np.float32)
-    return ts.Gaussians(body.means.astype(np.float32), ones / 2, ones[:, :3] / 9, ones[:, 0], ones[:, None, :3])
+    payload = file.container.table.payload(file.container.table.layer(0)[0], 0)
+    means = np.frombuffer(payload, "<f2").reshape(body.count, 3).astype(np.float32)
+    ones = np.ones((body.count, 4), np.float32)
+    return ts.Gaussians(means, ones / 2, ones[:, :3] / 9, ones[:, 0], ones[:, None, :3])
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -89,7 +92,7 @@ def toy():
 # ---- the contract ---------------------------------------------------------------------------------------------------
 
 MANY = "gaussians of many views"
-NAMES = ["gaussians", "photos", "lossless", "free", "toy", MANY]
+NAMES = ["gaussians", "photos", "lossless", "list", "toy", MANY]
 NOTES = ts.Notes(attribution="somebody")
 
 
@@ -104,7 +107,7 @@ def jobs(tmp_path_factory) -> dict[str, Job]:
     predicted = RUNTIME.predict(scene, "sweep").with_notes(NOTES)
     smooth = make_smooth_gaussians(2, 20, 24, degree=1, layers=2).with_notes(NOTES)
     many = make_smooth_gaussians(8, 16, 16, degree=1).with_notes(NOTES)
-    made = {"lossless": smooth, "free": smooth.flat(), "toy": smooth, MANY: many}
+    made = {"lossless": smooth, "list": smooth.flat(), "toy": smooth, MANY: many}
     photos = PhotoScene.of(scene, "sweep", store)
     return {
         name: Job(made.get(name, predicted), PROFILES["fast"], 6.0, store, 1, EncodeStats(), photos=photos)
@@ -146,10 +149,10 @@ def test_threads_change_neither_bytes_nor_gaussians(files, jobs, name):
     assert_alike(ts.Runtime(threads=3).decompress(files[name]), RUNTIME.decompress(files[name]))
 
 
-@pytest.mark.parametrize("name", ["gaussians", "lossless", "free"])
+@pytest.mark.parametrize("name", ["gaussians", "lossless", "list"])
 def test_one_gaussian_comes_back_alone(name):
     one = make_smooth_gaussians(1, 1, 1, degree=0)
-    one = one.flat() if name == "free" else one
+    one = one.flat() if name == "list" else one
     job = Job(one, PROFILES["fast"], -12.0, RUNTIME.store, 1, EncodeStats())
     found = RUNTIME.decompress(registry.MODES[name].encode(job))
     assert found.count == 1 and len(found.cameras) == len(one.cameras)
@@ -175,7 +178,7 @@ def test_info_agrees_with_what_decodes_and_its_bytes_add_up(files, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_prefix_shows_something_or_says_what_it_lacks_in_one_line(files, name):
     data = files[name]
-    pictures = sum(len(section[3]) for section in sections_of(data) if section[0] in READ_LATER)
+    pictures = len(sections_of(data)[-1][3])
     shown = []
     for length in [*range(1, len(data), len(data) // 23), len(data)]:
         try:
@@ -206,10 +209,9 @@ def test_a_flipped_byte_anywhere_is_refused(files, name):
         data[at] ^= 0x20
         with pytest.raises(FormatError):
             container = read_container(bytes(data))
-            for layer, channels in enumerate(container.pictures.channels):
-                for channel in channels:
-                    for view in range(len(channel.streams)):
-                        container.pictures.payload(layer, channel, view)
+            for _, channel in container.table.rows:
+                for view in range(len(channel.pictures)):
+                    container.table.payload(channel, view)
             RUNTIME.decompress(bytes(data))
         data[at] ^= 0x20
 
@@ -224,7 +226,7 @@ def test_every_section_is_needed_once(files, name):
                 read_container(file_of(sections[:at] + sections[at + 1 :]))
             if section[0] != L.PARAMETER_SETS:
                 with pytest.raises(FormatError):
-                    read_container(file_of([*sections, section]))
+                    read_container(beside(files[name], section))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -238,9 +240,9 @@ def test_sections_of_another_mode_are_refused_whatever_their_crc(files, name):
             if section[0] in own or not section[1] & L.REQUIRED or mode_of(other) == mode_of(name):
                 continue
             with pytest.raises(FormatError):
-                read_container(file_of([*sections, section]))
-            broken = bytearray(file_of([*sections, [*section[:3], section[3] + b"!"]]))
-            broken[-1] ^= 1
+                read_container(beside(files[name], section))
+            broken = bytearray(beside(files[name], [*section[:3], section[3] + b"!"]))
+            broken[-len(sections[-1][3]) - 1] ^= 1
             with pytest.raises(FormatError):
                 read_container(bytes(broken))
-    assert own <= allowed | {L.SCENE, b"NOTE"}
+    assert own <= allowed | {L.SCENE, b"NOTE", L.PICTURES, L.DATA}

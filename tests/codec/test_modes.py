@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import drawn_psnr, refusing, write_scene
-from sections import file_of, sections_of
+from sections import changed_section
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
@@ -52,12 +52,11 @@ def test_another_network_at_decode_is_a_model_error_with_name_and_hash(files, tm
 
 
 def test_a_missing_network_at_decode_is_a_model_error_that_names_the_option(files):
-    sections = sections_of(files["photos"])
-    for section in sections:
-        if section[0] == records.NETWORK:
-            section[3] = bytes(32) + section[3][32:]
+    def zero(text: bytearray) -> None:
+        text[:32] = bytes(32)
+
     with refusing(ModelError, f"'{DEFAULT_MODEL}' {'0' * 64} --model"):
-        RUNTIME.decompress(file_of(sections))
+        RUNTIME.decompress(changed_section(files["photos"], records.PHOTOS, zero))
 
 
 def test_a_users_own_network_is_found_when_it_is_given(scene, tmp_path):

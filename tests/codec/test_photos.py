@@ -63,9 +63,9 @@ def test_photos_come_back_nearly_and_the_worse_the_coarser_on_any_threads() -> N
         coded = encode_photos(images, qp, settings, 2)
         assert (coded.height, coded.width, coded.qp, len(coded.payloads)) == (40, 52, photo_qp(qp), 2)
         assert encode_photos(images, qp, replace(settings, block_qps=True), 1).payloads == coded.payloads
-        back = decode_photos(coded.header(), coded.parameter_sets, 1)
+        back = decode_photos(coded.payloads, (40, 52), coded.parameter_sets, 1)
         assert back.shape == images.shape and back.dtype == np.float32
-        np.testing.assert_array_equal(back, decode_photos(coded.header(), coded.parameter_sets, 3))
+        np.testing.assert_array_equal(back, decode_photos(coded.payloads, (40, 52), coded.parameter_sets, 3))
         errors.append(float(np.sqrt(((back - images) ** 2).mean())))
     assert errors[0] < errors[1] < errors[2]
 
@@ -75,4 +75,4 @@ def test_a_damaged_photo_is_named() -> None:
     coded = encode_photos(images, 0.0, PROFILES["fast"].encoder, 1)
     damaged = replace(coded, payloads=(coded.payloads[0], b"no picture"))
     with refusing(FormatError, "1"):
-        decode_photos(damaged.header(), coded.parameter_sets, 1)
+        decode_photos(damaged.payloads, (16, 16), coded.parameter_sets, 1)

@@ -23,9 +23,9 @@ PROFILES = ("paper", "fast", "balanced", "max")
 def payloads(container: Container) -> dict[tuple[str, int], bytes]:
     layer = container.body.layers[0]
     return {
-        (f"{channel.name} {n}", view): bytes(container.pictures.payload(0, channel, view))
+        (f"{channel.name} {n}", view): bytes(container.table.payload(channel, view))
         for n, channel in enumerate(layer.channels)
-        for view in range(len(channel.streams))
+        for view in range(len(channel.pictures))
     }
 
 

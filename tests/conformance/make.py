@@ -16,19 +16,14 @@ from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from scenes import free_in_tiers, make_free_gaussians, make_skewed_cameras, make_smooth_gaussians, write_scene
-from sections import file_of, sections_of
+from sections import Pict, beside, changed_section, file_of, repacked, sections_of, with_picture
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.photos import GROUPS, PHOTOS, group_sections
 from tinysplat_runtime.gaussian.gaussians import FIELDS
-from tinysplat_runtime.scene.neighbours import Group
 
-from .parts import in_parts
 from .reference import arrays_of, decode
 
 CASES = Path(__file__).parent / "cases"
@@ -43,10 +38,10 @@ class Case:
 
     Attributes:
         name: its folder's.
-        tests: in a line, for people.
+        tests: in a line, for people: what a decoder could get wrong that no other case would show.
         data: the file.
         options: how it is to be decoded: `maxBytes`, `recover`, `views`.
-        needs: what else a decoder needs: `network`, `views` (format 1.5).
+        needs: what else a decoder needs: `network`, `views`.
         refused: whether it must be.
         like: the file in one piece and the views of it that decoding gives, where it does not tell by itself.
         scale: what differences of SH coefficients are a share of, where decoded ones cancel.
@@ -72,29 +67,6 @@ def lossless(gaussians: ts.Gaussians) -> bytes:
     return ts.Runtime(threads=1).compress(gaussians, lossless=True)
 
 
-def changed(data: bytes, kind: bytes, change: Callable[[bytearray], None], index: int = 0) -> bytes:
-    """The file with one section's bytes changed, checksums right."""
-    sections = sections_of(data)
-    for section in sections:
-        if (section[0], section[2]) == (kind, index):
-            text = bytearray(section[3])
-            change(text)
-            section[3] = bytes(text)
-    return file_of(sections)
-
-
-def with_minor(data: bytes, minor: int) -> bytes:
-    """The file as one of that minor version."""
-    end = L.HEADER.size + len(sections_of(data)) * L.TABLE_ROW.size
-    head = data[:10] + struct.pack("<HHH", minor, len(sections_of(data)), 7)
-    return head + struct.pack("<I", crc32(head + data[L.HEADER.size : end])) + data[L.HEADER.size :]
-
-
-def replaced(sections: list[list], kind: bytes, data: bytes) -> list[list]:
-    """Sections, of which those of a type have other bytes."""
-    return [[k, f, i, data if k == kind else d] for k, f, i, d in sections]
-
-
 def poked(at: int, value: bytes) -> Callable[[bytearray], None]:
     """What writes bytes at a place."""
 
@@ -111,15 +83,16 @@ def planes() -> Iterator[Case]:
         "paper_degree2", "VABR, SAO, three views", compress(make_smooth_gaussians(3, 9, 12, 2, seed=1), "paper", 3)
     )
     yield Case("paper_degree4", "all 75 coefficients", compress(make_smooth_gaussians(1, 8, 8, 4, seed=2), "paper", -6))
-    yield Case("fast_degree1", "profile fast, QPs by blocks", compress(make_smooth_gaussians(2, 12, 20, 1), "fast"))
+    yield Case("fast_degree1", "QPs by blocks", compress(make_smooth_gaussians(2, 12, 20, 1), "fast"))
     yield Case("fast_fine", "depth in two pictures", compress(make_smooth_gaussians(1, 16, 16, 1), "fast", -18))
-    yield Case("balanced_degree0", "PCA of RGB, relative rotations", compress(make_smooth_gaussians(2, 16, 16, 0)))
     data = compress(make_smooth_gaussians(2, 20, 24, 3, seed=3, layers=2))
-    yield Case("balanced_layers", "two layers with their own k and intrinsics, SH degree 3 and 0", data)
-    yield Case("three_layers", "three layers", compress(make_smooth_gaussians(2, 16, 20, 1, layers=3), "fast"))
-    yield Case("max_odd", "profile max, 13x21: padding", compress(make_smooth_gaussians(1, 13, 21, 1), "max"))
+    yield Case("layers", "two layers with their own k, the second's intrinsics those of CAMS, scaled", data)
+    odd = make_smooth_gaussians(2, 12, 16, 0, layers=2)
+    other = replace(odd.extra_layers[0], cameras=make_skewed_cameras(2, *odd.extra_layers[0].opacities.shape[1:]))
+    yield Case("intrinsics", "a second layer with intrinsics of its own", compress(replace(odd, extra_layers=(other,))))
+    yield Case("max_odd", "13x21: padding", compress(make_smooth_gaussians(1, 13, 21, 1), "max"))
     yield Case("max_coarse", "Q_g 24", compress(make_smooth_gaussians(1, 17, 18, 1), "max", 24), scale=4.0)
-    yield Case("row", "1x33", compress(make_smooth_gaussians(1, 1, 33, 0, seed=4)))
+    yield Case("row", "1x33: the least coded height", compress(make_smooth_gaussians(1, 1, 33, 0, seed=4)))
     origin = np.array([4.5e6, -3.2e5, 5.1e6])
     yield Case("far_origin", "cameras 7,000 km away", compress(make_smooth_gaussians(2, 9, 9, 0, origin=origin)))
     scene = make_smooth_gaussians(1, 10, 10, 0)
@@ -133,156 +106,172 @@ def planes() -> Iterator[Case]:
     data = compress(replace(flat, cameras=make_skewed_cameras(1, 10, 10, turn=0.0)), "paper")
     yield Case("no_rotation", "quaternions whose components are all 0: the identity", zero_rotation(data))
     text = compress(make_smooth_gaussians(1, 8, 8, 0))
-    yield Case("rough_pose", "c2w 5e-4 off a rotation: the nearest one", changed(text, b"CAMS", roughen))
+    yield Case("rough_pose", "c2w 2e-4 off a rotation: the nearest one", roughened(text, 2e-4))
 
 
 def zero_rotation(data: bytes) -> bytes:
     """The file with every constant of its rotations at 0."""
 
     def change(text: bytearray) -> None:
-        for at in range(len(text) - 12):
-            if text[at] == 4 and text[at + 1] < 4 and text[at + 2] == 0 and text[at + 4 : at + 8] == bytes(4):
-                text[at + 8 : at + 12] = bytes(4)
+        for number, row in enumerate(Pict.of(data).rows):
+            if row[1] == 4 and row[3] == 255:
+                text[6 + 12 * number + 8 : 6 + 12 * number + 12] = bytes(4)
 
-    return changed(data, b"LAYR", change)
+    return changed_section(data, b"PICT", change)
 
 
-def roughen(text: bytearray) -> None:
-    """Move an entry of the first rotation."""
-    (entry,) = struct.unpack("<d", text[40:48])
-    text[40:48] = struct.pack("<d", entry + 2e-4)
+def roughened(data: bytes, by: float) -> bytes:
+    """The file with an entry of its first camera's rotation moved; all of the camera's columns hold one number."""
+
+    def change(text: bytearray) -> None:
+        at = 0
+        for _ in range(7):
+            at += 5 if text[at] & 2 else 9
+        assert text[at] < 2
+        (entry,) = struct.unpack_from("<d", text, at + 1)
+        struct.pack_into("<d", text, at + 1, entry + by)
+
+    return changed_section(data, b"CAMS", change)
 
 
 def structure() -> Iterator[Case]:
-    """Versions, sections, prefixes."""
+    """Sections, the order of pictures, prefixes."""
     scene = make_smooth_gaussians(2, 16, 16, 1, seed=5, layers=2)
     scene = replace(scene, sh=scene.sh * np.array([1, 8, 8, 8], np.float32)[:, None])
     data = compress(scene)
-    yield Case("parts", "a class in two parts, two passes", data)
     ends = [entry["bytes"] for entry in ts.inspect(data)["prefixes"]]
-    for number, end in enumerate(ends[:-1:2]):
-        yield Case(f"prefix{number}", "a prefix that ends with a pass", data, {"maxBytes": end}, scale=1.0)
-    first = len(data) - sum(len(d) for k, _, _, d in sections_of(data) if k in L.PLANES.values())
-    yield Case("prefix_hidden", "a view without depth", data, {"maxBytes": first + 250}, scale=1.0)
+    yield Case("prefix", "colours behind the third that are not there", data, {"maxBytes": ends[-2]}, scale=1.0)
+    yield Case("prefix_early", "no opacity: the mean; no second depth picture", data, {"maxBytes": ends[0]}, scale=1.0)
+    first = len(data) - len(sections_of(data)[-1][3])
+    hidden = first + Pict.of(data).places[0].length
+    yield Case("prefix_hidden", "a view without depth", data, {"maxBytes": hidden}, scale=1.0)
     spoilt = bytearray(data)
     spoilt[ends[-1] - 5] ^= 16
     yield Case("recover", "a picture whose CRC differs, left out", bytes(spoilt), {"recover": True}, scale=1.0)
     small = make_smooth_gaussians(1, 6, 6, 0)
-    noted = small.with_notes(ts.Notes("metre", "Jörg Müller, Ελένη", "CC-BY-4.0"))
-    yield Case("minor1_note", "format 1.1: NOTE", compress(noted))
-    yield Case("minor2_refined", "format 1.2: REFI", compress(small.with_notes(ts.Notes(refined="20 steps"))))
-    yield Case("minor3_antialiased", "format 1.3: ANTI", compress(small.with_notes(ts.Notes(antialiased="yes"))))
-    sections = sections_of(compress(small))
-    sections.insert(2, [b"XTRA", 0, 3, b"of a later version"])
-    yield Case("unknown_section", "format 1.77: an optional section to skip", with_minor(file_of(sections), 77))
-    metadata = [s for s in sections if s[0] not in L.PLANES.values()]
-    pictures = [s for s in sections if s[0] in L.PLANES.values()]
-    yield Case("any_order", "plane sections the other way round", file_of([*metadata[::-1], *pictures[::-1]]))
+    noted = compress(small.with_notes(ts.Notes("metre", "Jörg Müller, Ελένη", "CC-BY-4.0", "20 steps", "yes")))
+
+    def add(text: bytearray) -> None:
+        text += struct.pack("<BH", 5, 3) + b"later" + b"yes"
+
+    noted = changed_section(noted, b"NOTE", add)
+    yield Case("notes", "texts of every field, and a field of no name that is known", noted)
+    *metadata, pictures = sections_of(compress(small))
+    later = file_of([*metadata[:2], [b"XTRA", 0, 3, b"of a later version"], *metadata[2:], pictures], minor=77)
+    yield Case("unknown_section", "an optional section to skip, and another minor version", later)
+    *metadata, pictures = sections_of(repacked(data, lambda rows: rows[::-1]))
+    yield Case("any_order", "sections and rows the other way round", file_of([*metadata[::-1], pictures]))
     whole = compress(make_smooth_gaussians(4, 8, 12, 1, seed=6, layers=2))
-    units, needs = in_parts(whole), ("views",)
-    yield Case("minor5_units", "format 1.5: views as units", units, {}, needs, like=(whole, [0, 1, 2, 3]))
-    yield Case("units_chosen", "views 2 and 0 of them", units, {"views": [2, 0]}, needs, like=(whole, [2, 0]))
-    end = len(units) - len(sections_of(units)[-1][3]) + 20
-    yield Case("units_prefix", "the views before its end", units, {"maxBytes": end}, needs, like=(whole, [0, 1, 2]))
+    parts, needs = repacked(whole, lambda rows: rows[::-1], by_view=True), ("views",)
+    yield Case("by_view", "parts by view", parts, {}, needs, like=(whole, [0, 1, 2, 3]))
+    yield Case("by_view_chosen", "views 2 and 0 of them", parts, {"views": [2, 0]}, needs, like=(whole, [2, 0]))
+    end = len(parts) - Pict.of(parts).parts[-1][1] + 20
+    yield Case("by_view_prefix", "the views before its end", parts, {"maxBytes": end}, needs, like=(whole, [0, 1, 2]))
 
 
 def other_modes() -> Iterator[Case]:
-    """Modes free, lossless and photos."""
+    """Modes list, lossless and photos."""
     rng = np.random.default_rng(7)
     data = compress(make_free_gaussians(300, 1, rng), keep_all=True)
-    yield Case("minor4_free", "format 1.4: mode free, SH degree 1", data)
-    yield Case(
-        "free_degree3",
-        "SH degree 3, radii far apart",
-        compress(make_free_gaussians(90, 3, rng, 40.0), qp=-6, keep_all=True),
-    )
-    yield Case("free_one", "one Gaussian", compress(make_free_gaussians(1, 0, rng), keep_all=True))
+    yield Case("list", "SH degree 1", data)
+    far = compress(make_free_gaussians(90, 3, rng, 40.0), qp=-6, keep_all=True)
+    yield Case("list_degree3", "SH degree 3, radii far apart", far)
+    yield Case("list_one", "one Gaussian", compress(make_free_gaussians(1, 0, rng), keep_all=True))
     crowd = make_free_gaussians(600, 0, rng, 0.0)
-    yield Case("free_crowd", "600 in one place: numbers beyond a byte", compress(crowd, keep_all=True))
+    yield Case("list_crowd", "600 in one place: numbers beyond a byte", compress(crowd, keep_all=True))
     end = ts.inspect(data)["prefixes"][0]["bytes"]
-    yield Case("free_prefix", "a prefix that holds what sorts", data, {"maxBytes": end}, scale=1.0)
+    yield Case("list_prefix", "a prefix that holds what sorts", data, {"maxBytes": end}, scale=1.0)
     tiers = free_in_tiers(make_free_gaussians(400, 1, rng))
-    yield Case("minor6_tiers", "format 1.6: mode free in three tiers", tiers)
+    yield Case("tiers", "three tiers", tiers)
     ends = [entry["bytes"] for entry in ts.inspect(tiers)["prefixes"]]
-    yield Case("tiers_one", "the first tier, larger as others are absent", tiers, {"maxBytes": ends[3] - 1}, scale=1.0)
     yield Case("tiers_spheres", "a second tier without rotations", tiers, {"maxBytes": ends[3]}, scale=1.0)
-    few = replace(
-        make_free_gaussians(60, 0, np.random.default_rng(17)), viewpoints=tuple(make_skewed_cameras(3, 12, 16))
-    )
-    yield Case(
-        "minor7_viewpoints",
-        "format 1.7: cameras of the photos that Gaussians were made from",
-        compress(few, keep_all=True),
-    )
-    exact = lossless(make_smooth_gaussians(2, 6, 9, 1, layers=2))
-    yield Case("lossless", "exact planes, two layers", exact)
+    few = make_free_gaussians(60, 0, np.random.default_rng(17))
+    seen = compress(replace(few, viewpoints=tuple(make_skewed_cameras(3, 12, 16))), keep_all=True)
+    yield Case("list_cameras", "cameras of the photos that Gaussians were made from", seen)
+    yield Case("lossless", "exact planes, two layers", lossless(make_smooth_gaussians(2, 6, 9, 1, layers=2)))
+    yield Case("photos", "mode photos, network sweep", photos(2), needs=("network",))
+    yield Case("groups", "photos that the network is given in two groups", in_groups(), needs=("network",))
+
+
+def photos(views: int) -> bytes:
+    """A file of photos."""
     with TemporaryDirectory() as folder:
-        photos = ts.load_scene(write_scene(Path(folder) / "scene", views=2, height=16, width=16))
-        made = ts.Runtime(threads=1).encode(photos, "sweep", "fast", mode="photos")
-        yield Case("photos", "mode photos, network sweep", made, needs=("network",))
-        yield Case("groups", "photos that the network is given in two groups", in_groups(folder), needs=("network",))
+        scene = ts.load_scene(write_scene(Path(folder) / "scene", views=views, height=16, width=16))
+        return ts.Runtime(threads=1).encode(scene, "sweep", "fast", mode="photos")
 
 
-def in_groups(folder: str) -> bytes:
-    """A file of three photos, of which the network is given two at a time."""
-    photos = ts.load_scene(write_scene(Path(folder) / "three", views=3, height=16, width=16))
-    (section,) = group_sections([Group((0, 1), (0, 1)), Group((1, 2), (2,))])
-    made = sections_of(ts.Runtime(threads=1).encode(photos, "sweep", "fast", mode="photos"))
-    at = next(i for i, (kind, *_) in enumerate(made) if kind == PHOTOS)
-    return with_minor(file_of([*made[:at], [GROUPS, 1, 0, section.data], *made[at:]]), 5)
+def in_groups(first: tuple[int, ...] = (0x8000, 0x8001), second: tuple[int, ...] = (1, 0x8002)) -> bytes:
+    """A file of three photos, of which the network is given two at a time; bit 15 of a view says who keeps it."""
+
+    def change(text: bytearray) -> None:
+        text[122:] = struct.pack("<H", 2)
+        for words in (first, second):
+            text += struct.pack(f"<B{len(words)}H", len(words), *words)
+
+    return changed_section(photos(3), b"PHOT", change)
 
 
 def refused() -> Iterator[Case]:
     """Files that a reader must not accept."""
     data = compress(make_smooth_gaussians(2, 8, 8, 1, seed=8), "fast")
     sections = sections_of(data)
-    free = compress(make_free_gaussians(40, 0, np.random.default_rng(9)), keep_all=True)
+    listed = compress(make_free_gaussians(40, 0, np.random.default_rng(9)), keep_all=True)
     exact = lossless(make_smooth_gaussians(1, 4, 4, 0))
 
     def made(name: str, tests: str, file: bytes, **options: Any) -> Case:
         return Case(f"refused_{name}", tests, file, refused=True, **options)
 
+    def spoilt(name: str, tests: str, file: bytes, kind: bytes, at: int, value: bytes, index: int = 0) -> Case:
+        return made(name, tests, changed_section(file, kind, poked(at, value), index))
+
     yield made("magic", "another magic", b"\x89TSPLOT\n" + data[8:])
     yield made("major", "major version 2", file_of(sections, 2))
     yield made("table_crc", "the table altered", data[:30] + bytes([data[30] ^ 1]) + data[31:])
-    yield made("section_crc", "LAYR altered", data.replace(b"fast", b"fasd", 1))
+    yield made("section_crc", "SCEN altered", data.replace(b"fast", b"fasd", 1))
     yield made("cut", "cut short", data[:-1])
     yield made("behind", "a byte behind the last section", data + b"\0")
-    yield made("required", "an unknown section that is required", file_of([*sections, [b"XTRA", 1, 0, b""]]))
-    yield made("twice", "two sections SCEN", file_of([sections[0], *sections]))
-    yield made("other_mode", "FREP in a file of mode gaussians", file_of([*sections, [b"FREP", 1, 0, b""]]))
-    yield made("pose", "a camera whose c2w is no rotation", changed(data, b"CAMS", poked(40, struct.pack("<d", 0.2))))
-    yield made("origin", "an origin that is not finite", changed(data, b"SCEN", poked(8, struct.pack("<d", np.nan))))
-    yield made("size", "a grid of 65536x65536", changed(data, b"LAYR", poked(0, struct.pack("<II", 65536, 65536))))
-    yield made("degree", "SH degree 5", changed(data, b"LAYR", poked(8, b"\5\5")))
-    yield made("flags", "an unknown flag of a layer", changed(data, b"LAYR", poked(10, b"\x80")))
-    yield made("range", "a depth beyond float32", changed(data, b"LAYR", poked(20, struct.pack("<f", 3e38))))
+    yield made("required", "an unknown section that is required", beside(data, [b"XTRA", 1, 0, b""]))
+    yield made("other_mode", "a section LIST in a file of mode gaussians", beside(data, [b"LIST", 1, 0, b""]))
+    yield made("last", "pictures in front of their table", file_of([*sections[:-2], sections[-1], sections[-2]]))
+    yield made("pose", "a camera whose c2w is no rotation", roughened(compress(make_smooth_gaussians(1, 8, 8, 0)), 0.2))
+    yield spoilt("column", "a column stored in a way that there is not", data, b"CAMS", 0, b"\4")
+    yield spoilt("size", "a grid of 65536x65536", data, b"LAYR", 0, struct.pack("<II", 65536, 65536))
+    yield spoilt("range", "a depth beyond float32", data, b"LAYR", 18, struct.pack("<f", 3e38))
+    yield spoilt("row", "a picture of a layer that there is not", data, b"PICT", 6, b"\1")
     yield made("picture_crc", "a picture altered", data[:-3] + bytes([data[-3] ^ 1]) + data[-2:])
-    metadata = len(data) - sum(len(d) for k, _, _, d in sections if k in L.PLANES.values())
+    metadata = len(data) - len(sections[-1][3])
     yield made("no_depth", "a prefix without any picture", data, options={"maxBytes": metadata + 9})
     larger = next(d for k, _, _, d in sections_of(compress(make_smooth_gaussians(1, 32, 8, 0), "fast")) if k == b"HEVC")
-    yield made("size_of_pictures", "pictures of another size", file_of(replaced(sections, b"HEVC", larger)))
-    yield made("note", "a note that turns text round", file_of([*sections, [b"REFI", 0, 0, b"\xe2\x80\xae"]]))
+    other = [[k, f, i, larger if k == b"HEVC" else d] for k, f, i, d in sections]
+    yield made("size_of_pictures", "pictures of another size", file_of(other))
     hidden = "\U00013439".encode()  # which Unicode 14 does not know
-    yield made(
-        "character", "a note with a character that does not print", file_of([*sections, [b"REFI", 0, 0, hidden]])
-    )
+    note = struct.pack("<BH", 7, len(hidden)) + b"refined" + hidden
+    yield made("note", "a note with a character that does not print", beside(data, [b"NOTE", 0, 0, note]))
     sets = next(d for k, _, _, d in sections if k == b"HEVC")
-    yield made("sets", "1025 bytes of parameter sets", file_of(replaced(sections, b"HEVC", sets.ljust(1025, b"\0"))))
-    with TemporaryDirectory() as folder:
-        keeps_none = changed(in_groups(folder), GROUPS, poked(3, struct.pack("<HH", 0, 1)))
-    yield made("groups", "a group that keeps no photo", keeps_none)
-    yield made("free_levels", "an octree with two roots", changed(free, b"FREE", poked(92, struct.pack("<I", 2))))
-    yield made("free_count", "more Gaussians than bytes pay for", changed(free, b"FREE", poked(0, b"\0\0\1\0")))
-    yield made("free_points", "positions that are no LZMA2", changed(free, b"FREP", poked(0, b"\x7f")))
+    long = [[k, f, i, sets.ljust(1025, b"\0") if k == b"HEVC" else d] for k, f, i, d in sections]
+    yield made("sets", "1025 bytes of parameter sets", file_of(long))
+    yield made("groups", "a group that keeps no photo", in_groups((0, 1)))
+    yield spoilt("levels", "an octree with two roots", listed, b"TIER", 28, struct.pack("<I", 2))
+    yield spoilt("count", "more Gaussians than bytes pay for", listed, b"TIER", 0, b"\0\0\1\0")
+    place = next(place for place in Pict.of(listed).places if place.row[1] == 6)
+    points = bytearray(sections_of(listed)[-1][3][place.start : place.start + place.length])
+    points[24] = 0x7F
+    yield made("points", "positions that are no LZMA2", with_picture(listed, place, bytes(points)))
     tiers = free_in_tiers(make_free_gaussians(60, 0, np.random.default_rng(9)))
-    yield made("tier_growth", "scales that grow by e^3", changed(tiers, b"TIER", poked(24, b"\0\0\x40\x40"), 1))
-    sections = sections_of(tiers)
-    renamed = [[k, f, 3 if (k, index) == (b"TIER", 2) else index, d] for k, f, index, d in sections]
-    yield made("tier_gap", "a tier 1 and a tier 3", file_of(renamed))
-    yield made("exact_hash", "exact planes of another SHA-256", changed(exact, b"EXAC", poked(20, b"\0\0\0")))
-    units = sections_of(in_parts(data))
-    yield made("unit_order", "views as units, out of order", file_of([*units[:-2], units[-1], units[-2]]))
+    yield spoilt("growth", "scales that grow by e^3", tiers, b"TIER", 24, b"\0\0\x40\x40", 1)
+    yield spoilt("exact_hash", "exact planes of another SHA-256", exact, b"EXAC", 20, b"\0\0\0")
+    parts = repacked(data, by_view=True)
+    longer = Pict.of(parts).parts[1][0]
+    yield made(
+        "part",
+        "a table of a view whose CRC differs",
+        flipped(parts, len(parts) - len(sections_of(parts)[-1][3]) + longer),
+    )
+
+
+def flipped(data: bytes, at: int) -> bytes:
+    """The file with a bit of one byte turned."""
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
 
 
 def chosen(data: bytes, views: list[int]) -> ts.Gaussians:

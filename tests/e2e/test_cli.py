@@ -201,7 +201,7 @@ def test_a_tsplat_file_goes_where_any_gaussian_file_goes(encoded, tmp_path):
     # What was cut is no longer pixels of views, and goes on as a list of points.
     cut = tmp_path / "cut.tsplat"
     succeed("convert", turned, "-o", cut, "--crop", "-9,-9,-9,9,9,9")
-    assert ts.inspect(cut.read_bytes())["mode"] == "free" and ts.load_gaussians(cut).count > 0
+    assert ts.inspect(cut.read_bytes())["mode"] == "list" and ts.load_gaussians(cut).count > 0
 
 
 def test_standard_input_and_output_stand_for_files(encoded, tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,10 @@ import plyfile
 import pytest
 import safetensors
 from scenes import make_smooth_gaussians, refusing, tells
-from sections import file_of, sections_of
+from sections import changed_section
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.gaussian.editing import merge, similarity
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.notes import MAX_BYTES
@@ -98,26 +96,41 @@ def test_a_note_may_be_as_long_as_its_field_and_no_longer(name: str, most: int) 
     assert caught.value.where == name
 
 
-def with_section(data: bytes, kind: bytes, text: bytes) -> bytes:
-    """A file with other bytes in a section, all lengths and checksums right."""
-    return file_of([[*section[:3], text if section[0] == kind else section[3]] for section in sections_of(data)])
+def with_notes(data: bytes, *fields: tuple[bytes, bytes], tail: bytes = b"") -> bytes:
+    """A file with such fields in its section of notes, all lengths and checksums right."""
+
+    def change(text: bytearray) -> None:
+        text[:] = b"".join(struct.pack("<BH", len(name), len(note)) + name + note for name, note in fields) + tail
+
+    return changed_section(data, b"NOTE", change)
 
 
 @pytest.mark.parametrize(
-    ("section", "words"),
+    ("fields", "tail", "words"),
     [
-        (struct.pack("<HHH", 33, 0, 0) + bytes(33), "unit of 33 bytes, at most 32"),
-        (struct.pack("<HHH", 0, 65535, 0), "attribution of 65535 bytes"),
-        (struct.pack("<HHH", 0, 4, 0) + b"ab", "needs 4 bytes, 2 remain"),
-        (struct.pack("<HHH", 0, 2, 0) + b"abc", "1 bytes too many"),
-        (struct.pack("<HHH", 0, 2, 0) + b"\xff\xfe", "attribution is not UTF-8"),
-        (struct.pack("<HHH", 0, 0, 5) + b"\x1b[31m", "licence: holds U+001B"),
-        (b"\0\0", "needs 6 bytes"),
+        ([(b"unit", bytes(33))], b"", "unit"),
+        ([(b"unit", b"x" * 33)], b"", "unit 33 32"),
+        ([(b"attribution", b"\xff\xfe")], b"", "UTF-8"),
+        ([(b"licence", b"\x1b[31m")], b"", "licence U+001B"),
+        ([(b"refined", b"x" * 129)], b"", "refined 129 128"),
+        ([(b"antialiased", b"no")], b"", "antialiased"),
+        ([(b"unit", b"m"), (b"unit", b"m")], b"", "unit twice"),
+        ([(b"Unit", b"m")], b"", "a to z"),
+        ([(b"", b"m")], b"", "a to z"),
+        ([(b"later", b"\xff")], b"", "UTF-8"),
+        ([(bytes([97 + n // 26, 97 + n % 26]), b"") for n in range(65)], b"", "64"),
+        ([(b"unit", b"m")], b"\0\0", "needs 3 bytes"),
+        ([(b"unit", b"m")], b"\1\2\0a", "needs 2 bytes"),
     ],
 )
-def test_hostile_sections_are_refused(coded: bytes, section: bytes, words: str) -> None:
+def test_hostile_sections_are_refused(coded: bytes, fields: list[tuple[bytes, bytes]], tail: bytes, words: str) -> None:
     with refusing(ts.FormatError, f"NOTE {words}"):
-        ts.decompress(with_section(coded, b"NOTE", section))
+        ts.decompress(with_notes(coded, *fields, tail=tail))
+
+
+def test_names_that_are_not_known_are_skipped(coded: bytes) -> None:
+    found = ts.decompress(with_notes(coded, (b"later", b"\x1b"), (b"unit", b"metre"), (b"licence", b"")))
+    assert found.notes == ts.Notes(unit="metre")
 
 
 def test_hostile_notes_of_other_formats_are_refused(gaussians: ts.Gaussians, tmp_path: Path) -> None:
@@ -133,29 +146,10 @@ def test_hostile_notes_of_other_formats_are_refused(gaussians: ts.Gaussians, tmp
         ts.load_gaussians(npz)
 
 
-def test_how_a_scene_was_refined_has_a_section_of_its_own(gaussians: ts.Gaussians, coded: bytes) -> None:
-    refined = replace(NOTES, refined="20 steps on 4 photos: 24.1 to 27.9 dB")
-    both = ts.compress(gaussians.with_notes(refined), "fast")
-    assert ts.decompress(both).notes == refined and ts.inspect(both)["refined"] == refined.refined
-    assert len(both) == len(coded) + L.TABLE_ROW.size + len(refined.refined)
-    assert (ts.inspect(both)["version"], ts.inspect(coded)["refined"]) == ("1.2", None)
-    alone = ts.compress(gaussians.with_notes(ts.Notes(refined="5 steps")), "fast")
-    assert ts.decompress(alone).notes == ts.Notes(refined="5 steps") and b"NOTE" not in alone
-
-
-@pytest.mark.parametrize("text", [b"", b"x" * 129, b"\xff", b"a\x1b[31m"])
-def test_a_refinement_that_is_no_short_line_is_refused(gaussians: ts.Gaussians, text: bytes) -> None:
-    data = ts.compress(gaussians.with_notes(ts.Notes(refined="5 steps")), "fast")
-    with pytest.raises(ts.FormatError, match="REFI"):
-        ts.inspect(with_section(data, b"REFI", text))
-
-
-def test_a_coded_file_keeps_the_mark_in_a_section_of_its_own(gaussians: ts.Gaussians, coded: bytes) -> None:
-    marked = ts.compress(gaussians.with_notes(replace(NOTES, antialiased="yes")), "fast")
-    assert ts.decompress(marked).notes == replace(NOTES, antialiased="yes")
-    assert len(marked) == len(coded) + L.TABLE_ROW.size + 3
-    assert (ts.inspect(marked)["version"], ts.inspect(marked)["antialiased"]) == ("1.3", True)
-    assert ts.inspect(coded)["antialiased"] is False
-    for text in (b"", b"no", b"YES", b"yess", b"\xff"):
-        with pytest.raises(ts.FormatError, match="ANTI"):
-            ts.inspect(with_section(marked, b"ANTI", text))
+def test_what_was_done_to_a_scene_is_noted_too(gaussians: ts.Gaussians, coded: bytes) -> None:
+    done = ts.Notes(refined="20 steps on 4 photos: 24.1 to 27.9 dB", antialiased="yes", pruned="9 of 99 left out")
+    data = ts.compress(gaussians.with_notes(done), "fast")
+    assert ts.decompress(data).notes == done
+    names = "refined", "antialiased", "pruned"
+    assert [ts.inspect(data)[name] for name in names] == [done.refined, True, done.pruned]
+    assert [ts.inspect(coded)[name] for name in names] == [None, False, None]

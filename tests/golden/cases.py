@@ -16,6 +16,7 @@ from tinysplat_runtime import compress
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.artifacts import load_manifest
 from tinysplat_runtime.graphs.inference import open_graph
+from tinysplat_runtime.scene.cameras import Camera
 
 DATA = Path(__file__).parent / "data"
 
@@ -45,13 +46,23 @@ def _in_tiers(gaussians: Gaussians, _: str, qp: float) -> bytes:
     return free_in_tiers(gaussians, qp)
 
 
+def _example() -> Gaussians:
+    """One Gaussian whose numbers are sums of few powers of two: docs/FORMAT.md, "Worked example"."""
+    camera = Camera([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]], np.eye(4), 1, 1)
+    numbers = [[0.25, -0.5, 2], [1, 0, 0, 0], [0.5, 0.25, 0.125]]
+    means, quats, scales = (np.float32(values).reshape(1, 1, 1, -1) for values in numbers)
+    sh = np.float32([0.5, 0.25, -0.5]).reshape(1, 1, 1, 1, 3)
+    return Gaussians(means, quats, scales, np.full((1, 1, 1), 0.75, np.float32), sh, (camera,))
+
+
 FILES = [
+    FileCase("example", _example, "paper", 0),
     FileCase("tiny_paper", lambda: make_smooth_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
     FileCase("degree2_paper", lambda: make_smooth_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
     FileCase("degree1_balanced", _view_dependent, "balanced", 0),
     FileCase("views_balanced", lambda: make_smooth_gaussians(8, 12, 16, 1, seed=7, layers=2), "balanced", 0),
     FileCase("tiers_balanced", lambda: make_free_gaussians(400, 1, np.random.default_rng(8)), "balanced", 6, _in_tiers),
-    FileCase("free_balanced", lambda: make_free_gaussians(300, 1, np.random.default_rng(6)), "balanced", 0),
+    FileCase("list_balanced", lambda: make_free_gaussians(300, 1, np.random.default_rng(6)), "balanced", 0),
 ]
 
 

@@ -25,7 +25,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS  # noqa: E402
 from tinysplat_runtime.render.paths import ring  # noqa: E402
 
 FORMAT = ROOT / "docs" / "FORMAT.md"
-DUMPED = "tiny_paper"
+DUMPED = "example"
 
 
 def main() -> None:

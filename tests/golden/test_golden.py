@@ -52,5 +52,5 @@ def _assert_alike(found: ts.Gaussians, wanted: ts.Gaussians) -> None:
     for a, b in zip(found.layers, wanted.layers, strict=True):
         for field in FIELDS:
             difference, spread = np.subtract(getattr(a, field), getattr(b, field)), np.std(getattr(b, field))
-            share = float(np.sqrt(np.square(difference).mean())) / float(spread)
-            assert share < 0.01, f"{field}: {share:.3g} of its spread"
+            error = float(np.sqrt(np.square(difference).mean()))
+            assert error <= 0.01 * float(spread), f"{field}: {error:.3g} of a spread of {spread:.3g}"

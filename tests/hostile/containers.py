@@ -10,26 +10,19 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from pathlib import Path
 from random import Random
 from zlib import crc32
 
 import numpy as np
-from sections import sections_of
+from sections import Pict, sections_of, with_picture
 
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.exact import EXACT, EXACT_FIXED
-from tinysplat_runtime.container.free import FREE, FREE_FIXED, FREE_POINTS, FREE_TIER, TIER_FIXED
-from tinysplat_runtime.container.photos import NETWORK, NETWORK_FIXED, PHOTO_PICTURES, PHOTOS, PHOTOS_FIXED, Photos
-from tinysplat_runtime.container.points import Points
-from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import StreamRef, UnitPictures
+from tinysplat_runtime.container.free import LIST, LIST_FIXED, TIER, TIER_FIXED
+from tinysplat_runtime.container.photos import PHOTOS, PHOTOS_FIXED
 
 from .damage import VALUES, damage
-
-PLANE_KINDS = frozenset(L.PLANES.values())
 
 
 @dataclass(frozen=True)
@@ -45,56 +38,20 @@ class Part:
 
 @dataclass(frozen=True)
 class Seed:
-    """A valid file, its sections, and (section, offset, length) of every picture."""
+    """A valid file, its sections, and its table of pictures."""
 
     data: bytes
     parts: tuple[Part, ...]
-    pictures: tuple[tuple[int, int, int], ...]
+    pict: Pict
 
     @classmethod
     def of(cls, data: bytes) -> Seed:
         """Take a file apart."""
-        parts, container = split(data), read_container(data)
-        pictures = []
-        photos = [i for i, p in enumerate(parts) if p.kind == PHOTO_PICTURES]
-        pictures += [_place(parts, photos, stream) for stream in _photo_streams(container)]
-        for index, streams in enumerate(_point_streams(container)):
-            points = [i for i, p in enumerate(parts) if (p.kind, p.index) == (FREE_POINTS, index)]
-            pictures += [_place(parts, points, stream) for stream in streams]
-        for index, channels in enumerate(container.pictures.channels):
-            for channel in channels:
-                if isinstance(container.pictures, UnitPictures):
-                    units = [i for i, p in enumerate(parts) if p.kind == L.VIEW]
-                    pictures += [(units[v], s.offset, s.length) for v, s in enumerate(channel.streams)]
-                    continue
-                kind = L.PLANES[channel.plane_class]
-                sections = [i for i, p in enumerate(parts) if p.kind == kind and p.index % L.PART == index]
-                pictures += [_place(parts, sections, stream) for stream in channel.streams]
-        return cls(data, tuple(parts), tuple(pictures))
+        return cls(data, tuple(split(data)), Pict.of(data))
 
-
-def _photo_streams(container: Container) -> Sequence[StreamRef]:
-    return container.body.photos.streams if isinstance(container.body, Photos) else ()
-
-
-def _point_streams(container: Container) -> Sequence[Sequence[StreamRef]]:
-    """Of each tier."""
-    tiers = container.body.scene.tiers if isinstance(container.body, Points) else ()
-    found = []
-    for tier in tiers:
-        ends = accumulate(map(len, tier.grid.streams), initial=0)
-        found.append([StreamRef(end, len(stream), 0) for end, stream in zip(ends, tier.grid.streams, strict=False)])
-    return found
-
-
-def _place(parts: Sequence[Part], sections: Sequence[int], stream: StreamRef) -> tuple[int, int, int]:
-    """(section, offset there, length) of a picture whose offset runs over all sections of its class."""
-    start = stream.offset
-    for i in sections:
-        if start < len(parts[i].data):
-            return i, start, stream.length
-        start -= len(parts[i].data)
-    raise ValueError("a picture lies behind its sections")
+    def place_in_file(self, start: int) -> int:
+        """Where a byte of DATA lies in the file."""
+        return len(self.data) - len(self.parts[-1].data) + start
 
 
 def split(data: bytes) -> list[Part]:
@@ -167,7 +124,7 @@ def damage_bytes(seed: Seed, rng: Random) -> bytes:
 def damage_section(seed: Seed, rng: Random) -> bytes:
     """One section damaged, its checksum and the header's made right again; mostly metadata."""
     parts = list(seed.parts)
-    choices = [i for i, p in enumerate(parts) if (p.kind not in PLANE_KINDS) or rng.random() < 0.1]
+    choices = [i for i, p in enumerate(parts) if p.kind != L.DATA or rng.random() < 0.1]
     for _ in range(rng.choice((1, 1, 2))):
         i = rng.choice(choices)
         parts[i] = replace(parts[i], data=damage(parts[i].data, rng, keep_length=rng.random() < 0.8))
@@ -252,37 +209,18 @@ def damage_container(seed: Seed, rng: Random) -> bytes:
 
 
 def damage_pictures(seed: Seed, rng: Random) -> bytes:
-    """Pictures or parameter sets damaged, every checksum on the way to libavcodec right."""
-    if not seed.pictures:  # exact planes: sections of their own
-        return damage_section(seed, rng)
+    """Pictures, positions or parameter sets damaged, every checksum on the way to their decoders right."""
     parts = list(seed.parts)
     sets = [i for i, p in enumerate(parts) if p.kind == L.PARAMETER_SETS]
-    if rng.random() < 0.25 and sets:
+    if sets and rng.random() < 0.25:
         i = rng.choice(sets)
         parts[i] = replace(parts[i], data=damage(parts[i].data, rng))
         return join(parts)
-    for i, start, length in rng.sample(seed.pictures, min(rng.choice((1, 1, 3)), len(seed.pictures))):
-        parts[i] = _with_picture(parts, i, start, damage(parts[i].data[start : start + length], rng, keep_length=True))
-    return join(parts)
-
-
-def _with_picture(parts: list[Part], i: int, start: int, picture: bytes) -> Part:
-    """Section `i` with another picture of the same length; its checksum in the layer's records follows."""
-    old = parts[i].data[start : start + len(picture)]
-    if parts[i].kind == L.VIEW:
-        size = min(offset for n, offset, _ in Seed.of(join(parts)).pictures if n == i)
-        head = parts[i].data[L.VIEW_HEAD.size : size]
-        head = head.replace(*(L.STREAM.pack(len(old), crc32(data)) for data in (old, picture)))
-        data = L.VIEW_HEAD.pack(crc32(head)) + head + parts[i].data[size:]
-        return replace(parts[i], data=data[:start] + picture + data[start + len(picture) :])
-    table = (PHOTOS, 0) if parts[i].kind == PHOTO_PICTURES else (L.LAYER, parts[i].index % L.PART)
-    if any(p.kind == FREE for p in parts):
-        tier = parts[i].index % L.PART
-        table = (FREE_TIER, tier) if tier else (FREE, 0)
-    of = next(n for n, p in enumerate(parts) if (p.kind, p.index) == table)
-    record, repaired = (L.STREAM.pack(len(old), crc32(data)) for data in (old, picture))
-    parts[of] = replace(parts[of], data=parts[of].data.replace(record, repaired))
-    return replace(parts[i], data=parts[i].data[:start] + picture + parts[i].data[start + len(picture) :])
+    data, places = seed.data, seed.pict.places
+    for place in rng.sample(places, min(rng.choice((1, 1, 3)), len(places))):
+        picture = seed.parts[-1].data[place.start : place.start + place.length]
+        data = with_picture(data, place, damage(picture, rng, keep_length=True))
+    return data
 
 
 def damage_whole(seed: Seed, rng: Random) -> bytes:
@@ -315,13 +253,11 @@ def _codes(form: str) -> list[tuple[int, str]]:
 
 _FIELDS = {
     L.SCENE: _field_offsets(L.SCENE_FIXED),
-    L.CAMERAS: _field_offsets(L.CAMERA),
+    L.CAMERAS: _field_offsets(L.COLUMN),
     L.LAYER: _field_offsets(L.LAYER_FIXED),
-    L.UNITS: _field_offsets(L.UNITS_FIXED),
-    L.VIEW: _field_offsets(L.VIEW_HEAD),
+    L.PICTURES: _field_offsets(struct.Struct(L.PICTURES_FIXED.format + L.CHANNEL.format[1:])),
     EXACT: _field_offsets(EXACT_FIXED),
     PHOTOS: _field_offsets(PHOTOS_FIXED),
-    NETWORK: _field_offsets(NETWORK_FIXED),
-    FREE: _field_offsets(FREE_FIXED),
-    FREE_TIER: _field_offsets(TIER_FIXED),
+    LIST: _field_offsets(LIST_FIXED),
+    TIER: _field_offsets(TIER_FIXED),
 }

@@ -37,7 +37,7 @@ from .containers import Seed
 @lru_cache(maxsize=1)
 def tsplat_seeds() -> tuple[Seed, ...]:
     """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2;
-    one of exact planes, one with notes, and one whose views are units."""
+    one of exact planes, one with notes, and one in parts by view."""
     cases = [
         (make_smooth_gaussians(1, 5, 7, 0), "paper"),
         (make_smooth_gaussians(2, 16, 16, 1), "paper"),
@@ -55,7 +55,7 @@ def tsplat_seeds() -> tuple[Seed, ...]:
 
 
 @lru_cache(maxsize=1)
-def free_seeds() -> tuple[Seed, ...]:
+def list_seeds() -> tuple[Seed, ...]:
     """Files of Gaussians of no pixels: one, some in one place, a few hundred of SH degree 0 and 2, and three tiers."""
     runtime, rng = ts.Runtime(threads=1), np.random.default_rng(5)
     scenes = [(1, 0, 1.0), (9, 1, 0.0), (300, 0, 1.0), (200, 2, 1.0)]

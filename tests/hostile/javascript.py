@@ -82,7 +82,7 @@ def _decoders() -> tuple[Decoder, GraphStore]:
 
 def attack_javascript(rng: Random, limits: Limits) -> None:
     """Raise AssertionError unless tsplat.js's answer is right, and FormatError where both refuse."""
-    seeds = rng.choices((corpus.tsplat_seeds(), corpus.free_seeds(), corpus.photo_file_seeds()), (0.7, 0.2, 0.1))[0]
+    seeds = rng.choices((corpus.tsplat_seeds(), corpus.list_seeds(), corpus.photo_file_seeds()), (0.7, 0.2, 0.1))[0]
     data = rng.choices((damage_whole, damage_container), (0.7, 0.3))[0](rng.choice(seeds), rng)
     options: dict[str, Any] = {}
     if rng.random() < 0.2:
@@ -91,7 +91,7 @@ def attack_javascript(rng: Random, limits: Limits) -> None:
         options["recover"] = True
     decode, store = _decoders()
     said, found = decode(data, limits={"maxPixels": limits.max_pixels, "maxMemory": limits.max_memory_bytes}, **options)
-    is_network = said.get("section", "") == "NETW[0]"  # nothing is given here that could run it
+    is_network = said.get("section", "") == "PHOT[0]"  # nothing is given here that could run it
     wanted = "a network is needed" if is_network else reference(data, options, store, limits)
     what = fault(data, said, found, wanted, limits)
     assert what is None, f"{what} ({options})"

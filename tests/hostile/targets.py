@@ -107,8 +107,8 @@ def _decode(rng: Random) -> None:
             raise BrokenPromiseError("a picture holds what is no colour")
 
 
-def _free(rng: Random) -> None:
-    data = damage_whole(rng.choice(corpus.free_seeds()), rng)
+def _list(rng: Random) -> None:
+    data = damage_whole(rng.choice(corpus.list_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
     is_damaged = rng.random() < 0.2
     read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=is_damaged)
@@ -313,7 +313,7 @@ TARGETS: dict[str, Target] = {
         Target("info", _info, (FormatError,)),
         Target("decode", _decode, (FormatError,)),
         Target("javascript", lambda rng: attack_javascript(rng, LIMITS), (FormatError,)),
-        Target("free", _free, (FormatError,)),
+        Target("list", _list, (FormatError,)),
         Target("picture", _picture, (FormatError,)),
         Target("parameter_sets", _parameter_sets, (FormatError,)),
         _gaussian_file(".npz", damage_npz),

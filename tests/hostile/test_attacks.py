@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import struct
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
@@ -24,7 +25,7 @@ from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError, InputError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
-from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.planes import CODING_ORDER, PlaneClass
 from tinysplat_runtime.scene.cameras import Camera
 
 
@@ -51,27 +52,33 @@ def test_a_file_cut_at_any_byte_is_refused_by_the_whole_decoder(number: int) -> 
 
 
 def test_sections_in_another_order_decode_to_the_same_gaussians(seed: Seed) -> None:
-    turned = ts.decompress(join(sorted(seed.parts, key=lambda part: part.kind, reverse=True)))
+    *metadata, pictures = seed.parts
+    turned = ts.decompress(join([*metadata[::-1], pictures]))
     straight = ts.decompress(seed.data)
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(turned, name), getattr(straight, name))
 
 
 def test_a_flipped_bit_behind_a_repaired_section_checksum_is_still_seen(seed: Seed) -> None:
-    for i, part in enumerate(seed.parts):
-        if part.kind in L.PLANES.values():
-            data = bytearray(part.data)
-            data[len(data) // 2] ^= 1
-            parts = [*seed.parts[:i], replace(part, data=bytes(data)), *seed.parts[i + 1 :]]
-            with pytest.raises(FormatError):
-                ts.decompress(join(parts))
+    for place in seed.pict.places:
+        with pytest.raises(FormatError):
+            ts.decompress(changed(seed, L.DATA, flip(place.start + place.length // 2)))
+
+
+def flip(at: int) -> Callable[[bytearray], None]:
+    """Turns a bit of a byte."""
+
+    def change(data: bytearray) -> None:
+        data[at] ^= 1
+
+    return change
 
 
 def test_a_table_of_more_sections_than_the_format_allows_is_refused(seed: Seed) -> None:
     notes = [Part(b"XTRA", 0, n, b"") for n in range(L.MAX_SECTIONS - len(seed.parts) + 1)]
-    read_container(join([*seed.parts, *notes[:-1]]))
+    read_container(join([*notes[:-1], *seed.parts]))
     with pytest.raises(FormatError):
-        read_container(join([*seed.parts, *notes]))
+        read_container(join([*notes, *seed.parts]))
 
 
 # ---- numbers ---------------------------------------------------------------------------------------------------------
@@ -82,11 +89,8 @@ FAR = (1e16, -1e300, 1.7e308)  # beyond what float64 resolves
 NUMBERS = [
     (L.SCENE, "<f4", [4], NO_NUMBERS),
     (L.SCENE, "<f8", [8, 16, 24], (*NO_NUMBERS, *FAR)),  # the origin
-    (L.CAMERAS, "<f8", range(0, 2 * 136, 8), NO_NUMBERS),
-    (L.CAMERAS, "<f8", [0, 8], (5e-324, 1e-300, 1e-45, 1e-7, 1e10, 1.7e308)),  # focal lengths
-    (L.CAMERAS, "<f8", range(16, 136, 8), FAR),
-    (L.LAYER, "<f4", range(16, 32, 4), NO_NUMBERS),
-    (L.LAYER, "<f4", [L.LAYER_FIXED.size], (np.nan, 1e30, -3e38)),  # a reference rotation
+    (L.LAYER, "<f4", range(14, 30, 4), NO_NUMBERS),
+    (L.PICTURES, "<f4", [10, 14], NO_NUMBERS),  # of the first channel
 ]
 
 
@@ -99,30 +103,55 @@ def test_numbers_that_arithmetic_cannot_take_are_refused_without_a_warning(
             read_container(changed(seed, kind, field(at, code, value)))
 
 
-def test_reference_rotations_scale_mixes_bases_and_channels_may_not_hold_nan(seed: Seed) -> None:
-    size = len(next(p for p in seed.parts if p.kind == L.LAYER).data)
-    channel_from = size - sum(
-        L.CHANNEL.size + L.STREAM.size * len(c.streams) for c in read_container(seed.data).body.layers[0].channels
-    )
-    for at in (*range(L.LAYER_FIXED.size, channel_from - 3, 4), channel_from + 4, channel_from + 8):
+@pytest.mark.parametrize(
+    ("columns", "values"),
+    [
+        (range(19), NO_NUMBERS),
+        ([0, 1], (5e-324, 1e-300, 1e-45, 1e-7, 1e10, 1.7e308)),  # focal lengths
+        ([2, 3, 4, *range(7, 19)], FAR),
+        ([5, 6], (0.0, -1.0, 16.5, 65537.0, 1e300)),  # width and height
+    ],
+)
+def test_no_camera_has_numbers_that_arithmetic_cannot_take(columns: Iterable[int], values: Iterable[float]) -> None:
+    one = Seed.of(ts.compress(make_smooth_gaussians(1, 8, 8, 0), "fast"))
+    (section,) = (part.data for part in one.parts if part.kind == L.CAMERAS)
+    for column, value in product(columns, values):
+
+        def change(data: bytearray, column: int = column, value: float = value) -> None:
+            data.clear()
+            at = 0
+            for number in range(19):
+                size = 4 if section[at] & 2 else 8
+                own = section[at + 1 : at + 1 + size]
+                data += struct.pack("<Bd", 0, value) if number == column else section[at : at + 1] + own
+                at += 1 + size
+
+        with pytest.raises(FormatError):
+            read_container(changed(one, L.CAMERAS, change))
+
+
+def test_reference_rotations_scale_mixes_and_bases_may_not_hold_nan(seed: Seed) -> None:
+    layer = next(p for p in seed.parts if p.kind == L.LAYER).data
+    maps = 48 + 2 * 3 * (layer[8] + 1) ** 2 * struct.unpack_from("<H", layer, 12)[0]
+    for at in (L.LAYER_FIXED.size + 1, *range(len(layer) - maps, len(layer) - 3, 4)):
         with pytest.raises(FormatError):
             read_container(changed(seed, L.LAYER, field(at, "<f4", np.nan)))
 
 
 @pytest.mark.parametrize("change", [{"scale": 9e29}, {"offset": 9.9e29, "scale": 9e26}])
-@pytest.mark.parametrize("plane_class", list(PlaneClass))
+@pytest.mark.parametrize("plane_class", CODING_ORDER)
 def test_values_that_are_in_range_each_but_overflow_together_are_refused(
     fine: Seed, plane_class: PlaneClass, change: dict[str, float]
 ) -> None:
     channel = next(c for c in read_container(fine.data).body.layers[0].channels if c.plane_class == plane_class)
 
     def write(data: bytearray) -> None:
-        head = L.CHANNEL.pack(plane_class, channel.target, L.INTRA, channel.qp, channel.scale, channel.offset)
+        head = L.CHANNEL.pack(0, *channel.key, channel.qp, channel.scale, channel.offset)
         at, new = data.index(head), replace(channel, **change)
-        data[at : at + len(head)] = L.CHANNEL.pack(plane_class, new.target, L.INTRA, new.qp, new.scale, new.offset)
+        data[at : at + len(head)] = L.CHANNEL.pack(0, *new.key, new.qp, new.scale, new.offset)
 
     with pytest.raises(FormatError):
-        read_container(changed(fine, L.LAYER, write))
+        read_container(changed(fine, L.PICTURES, write))
 
 
 def test_cameras_too_far_away_are_refused() -> None:
@@ -206,20 +235,18 @@ def test_more_pictures_than_memory_allows_are_refused_before_any_is_decoded(seed
 def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path: Path, depth_channels: int) -> None:
     g = make_smooth_gaussians(1, 400, 400, 0)
     seed = Seed.of(ts.compress(g, "fast"))
-    layer = next(p for p in seed.parts if p.kind == L.LAYER)
-    channels = read_container(seed.data).body.layers[0].channels
-    record = L.CHANNEL.size + L.STREAM.size
-    head = len(layer.data) - sum(L.CHANNEL.size + L.STREAM.size * len(c.streams) for c in channels)
-    repeated = layer.data[head : head + record] * (depth_channels - 1)
-    fixed = list(L.LAYER_FIXED.unpack(layer.data[: L.LAYER_FIXED.size]))
-    fixed[6] += depth_channels - 1
-    data = L.LAYER_FIXED.pack(*fixed) + layer.data[L.LAYER_FIXED.size : head] + repeated + layer.data[head:]
-    first = channels[0].streams[0].length
-    depth = next(p for p in seed.parts if (p.kind, p.index) == (L.PLANES[PlaneClass.DEPTH], 0))
-    changed = {layer: data, depth: depth.data[:first] * (depth_channels - 1) + depth.data}
-    parts = [replace(p, data=changed.get(p, p.data)) for p in seed.parts]
-    grown = memory_of_decoding(tmp_path, corpus.tsplat_seeds()[0].data, join(parts))
-    assert grown <= 2 * decoding_bytes(read_container(join(parts)).body.layers[0])
+    pict, first = next(p for p in seed.parts if p.kind == L.PICTURES), seed.pict.places[0]
+    more, head = depth_channels - 1, L.PICTURES_FIXED.size
+    count, *rest = L.PICTURES_FIXED.unpack(pict.data[:head])
+    entries = head + count * L.CHANNEL.size
+    rows = pict.data[head : head + L.CHANNEL.size] * more + pict.data[head:entries]
+    streams = pict.data[entries : entries + L.STREAM.size] * more + pict.data[entries:]
+    table = L.PICTURES_FIXED.pack(count + more, *rest) + rows + streams
+    pictures = seed.parts[-1].data[: first.length] * more + seed.parts[-1].data
+    new = {L.PICTURES: table, L.DATA: pictures}
+    data = join([replace(p, data=new.get(p.kind, p.data)) for p in seed.parts])
+    grown = memory_of_decoding(tmp_path, corpus.tsplat_seeds()[0].data, data)
+    assert grown <= 2 * decoding_bytes(read_container(data).body.layers[0])
 
 
 # ---- the command line ------------------------------------------------------------------------------------------------

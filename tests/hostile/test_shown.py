@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ import pytest
 from conformance.run import CASES
 from console import fail
 from scenes import make_smooth_gaussians, refusing, write_scene
-from sections import file_of, sections_of
+from sections import changed_section, file_of, sections_of
 from web.node import Decoder
 
 import tinysplat_runtime as ts
@@ -129,9 +130,19 @@ OF_PAGES = {"maxPixels": 2**25, "maxMemory": 2**31, "maxPerByte": 256}
 
 def constants(side: int) -> bytes:
     """A file mostly of numbers for whole planes: its size says nothing of the grid's."""
-    sections = sections_of((CASES / "constants" / "constants.tsplat").read_bytes())
-    size = side.to_bytes(4, "little") * 2
-    return file_of([[k, f, i, size + data[8:] if k == L.LAYER else data] for k, f, i, data in sections])
+
+    def grow(text: bytearray) -> None:
+        text[:8] = struct.pack("<II", side, side)
+
+    def widen(text: bytearray) -> None:
+        at = 0
+        for column in range(7):
+            if column in (5, 6):
+                text[at : at + 5] = struct.pack("<Bf", 2, side)
+            at += 5 if text[at] & 2 else 9
+
+    data = (CASES / "constants" / "constants.tsplat").read_bytes()
+    return changed_section(changed_section(data, L.LAYER, grow), L.CAMERAS, widen)
 
 
 def test_a_few_bytes_do_not_fill_a_visitors_memory() -> None:

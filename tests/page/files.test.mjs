@@ -14,8 +14,8 @@ test("sizes are said in few digits, and are about those", () => {
 
 test("bytes are counted by what they are for, and come to the file's", () => {
   const about = {
-    bytes: 1000, sections: [{ name: "PHOT[0]", bytes: 40 }, { name: "PHOT[1]", bytes: 2 }, { name: "LAYR[0]", bytes: 50 }],
-    channels: [[{ name: "depth0", bytes: [100, 20] }, { name: "color12", bytes: [300] }, { name: "opacity0", bytes: [] }], [{ name: "color0", bytes: [5] }]],
+    bytes: 1000, parts: [],
+    channels: [[{ name: "depth0", bytes: [100, 20] }, { name: "color12", bytes: [300] }, { name: "opacity0", bytes: [] }, { name: "photo0", bytes: [40, 2] }], [{ name: "color0", bytes: [5] }]],
   };
   const uses = bytesByUse(about).map(([, bytes]) => bytes);
   for (const bytes of [120, 305, 42]) assert.ok(uses.includes(bytes), "distances, colours, photos");

@@ -110,7 +110,7 @@ def test_a_file_becomes_a_page_with_its_photos(encoded: dict[str, Path], tmp_pat
     assert file_of(page) == encoded["tsplat"].read_bytes()
     done = tinysplat("view", encoded["spz"], "--html", tmp_path / "w.html")
     assert done.returncode == 0, done.stderr
-    assert ts.inspect(file_of(Elements((tmp_path / "w.html").read_text())))["mode"] == "free"
+    assert ts.inspect(file_of(Elements((tmp_path / "w.html").read_text())))["mode"] == "list"
 
 
 def test_files_of_photos_become_gaussians_in_the_page(encoded: dict[str, Path], tmp_path: Path) -> None:

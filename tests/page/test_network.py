@@ -13,7 +13,7 @@ from page.scripts import run as run_with
 from scenes import make_cameras
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.container.layers import intrinsics
+from tinysplat_runtime.container.cameras import intrinsics
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.inference import Graph
 from tinysplat_runtime.graphs.predict import NetworkLimits, network_inputs, predict

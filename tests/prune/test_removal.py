@@ -104,11 +104,11 @@ def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
     assert 0 < stats.left_out == 900 - thin.count
     assert ts.decompress(whole).count == 900 and len(data) < len(whole)
     about = ts.inspect(data)
-    assert about["thinned"] == thin.notes.thinned
-    assert tells(about["thinned"], f"{stats.left_out} 900")
-    figures = [float(figure) for figure in re.findall(r"\d[\d.]*", about["thinned"])]
+    assert about["pruned"] == thin.notes.pruned
+    assert tells(about["pruned"], f"{stats.left_out} 900")
+    figures = [float(figure) for figure in re.findall(r"\d[\d.]*", about["pruned"])]
     assert min(abs(figure - stats.left_out_psnr) for figure in figures) < 0.5
-    assert ts.inspect(whole)["thinned"] is None
+    assert ts.inspect(whole)["pruned"] is None
     # all of them, in as many bytes by coarser steps, would look worse
     coarse = ts.decompress(ts.compress(ball, keep_all=True, target_size=len(data)))
     assert psnr(thin, ball, around(ball)) > psnr(coarse, ball, around(ball))

@@ -53,4 +53,4 @@ def test_a_report_says_what_was_measured() -> None:
     data = runtime.compress(gaussians.flat(), stats=stats, keep_all=True)
     coded = Encoded(data, gaussians.flat(), raw_bytes(gaussians), stats, RefineStats(steps=3))
     report = encode_report(coded, runtime, model=None)
-    assert report["mode"] == "free" and report["error_by_attribute"] == {} and report["refine"]["steps"] == 3
+    assert report["mode"] == "list" and report["error_by_attribute"] == {} and report["refine"]["steps"] == 3

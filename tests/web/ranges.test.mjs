@@ -7,7 +7,7 @@ import { test } from "node:test";
 import { TsplatError, decode, decodeViews } from "../../runtime/tinysplat_runtime/web/tsplat.js";
 import { rangesOf } from "../../runtime/tinysplat_runtime/web/ranges.js";
 
-const file = readFileSync(new URL("../conformance/cases/minor5_units/minor5_units.tsplat", import.meta.url));
+const file = readFileSync(new URL("../conformance/cases/by_view/by_view.tsplat", import.meta.url));
 
 async function serving(answer, work) {
   const server = createServer(answer);

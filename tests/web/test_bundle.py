@@ -38,9 +38,9 @@ def test_the_bundle_decodes_as_the_modules_do(entry: str, tmp_path: Path) -> Non
         "console.log(scene.means[4].toFixed(5), inspect(readFileSync(process.argv[2])).mode);\n"
     )
     done = subprocess.run(
-        [node(), str(script), str(DATA / "free_balanced.tsplat")], capture_output=True, text=True, check=True
+        [node(), str(script), str(DATA / "list_balanced.tsplat")], capture_output=True, text=True, check=True
     )
     mean, mode = done.stdout.split()
-    assert mode == "free"
+    assert mode == "list"
     gaussians = tinysplat_runtime.decompress((DATA / "tiny_paper.tsplat").read_bytes())
     assert abs(float(mean) - gaussians.flat().means[1, 1]) < 1e-4

@@ -71,7 +71,7 @@ def info_text(file: str, described: dict[str, Any]) -> str:
         *(f"{name}: {text}" for name, text in d["notes"].items() if text),
         *([f"refined: {d['refined']}"] if d["refined"] else []),
         *(["antialiased: yes"] if d["antialiased"] else []),
-        *([f"Gaussians: {d['thinned']}"] if d["thinned"] else []),
+        *([f"Gaussians: {d['pruned']}"] if d["pruned"] else []),
         *([f"tiers: {' + '.join(f'{count:,}' for count in d['tiers'])}"] if len(d["tiers"]) > 1 else []),
         "",
         "class        bytes   share",

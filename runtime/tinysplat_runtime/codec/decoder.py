@@ -34,9 +34,12 @@ class ReadFile:
     @property
     def lost(self) -> list[str]:
         """Names of the views and pictures that are cut off or damaged."""
-        body = self.container.body
+        body, table = self.container.body, self.container.table
         absent = [f"view {view}" for view in self.container.absent]
-        return absent + [body.picture_name(*ref) for ref in sorted(self.missing)]
+        refs = sorted(self.missing)
+        records = [table.layer(ref.layer)[ref.channel] for ref in refs]
+        named = zip(refs, records, strict=True)
+        return absent + [body.picture_name(ref.layer, record, table.views[ref.view]) for ref, record in named]
 
 
 def read_file(
@@ -46,7 +49,7 @@ def read_file(
     max_bytes: int | None = None,
     is_damaged: bool = False,
     views: Sequence[int] | None = None,
-    units: Mapping[int, bytes] | None = None,
+    fetched: Mapping[int, bytes] | None = None,
 ) -> ReadFile:
     """Parse a file, and see what is missing.
 
@@ -56,7 +59,7 @@ def read_file(
         max_bytes: read this many first bytes alone.
         is_damaged: take what is intact of a damaged or cut file, which is refused else.
         views: read these views alone, in this order; what is decoded is what it is in the whole file.
-        units: sections VIEW of those views, for `data` that holds the metadata alone.
+        fetched: the bytes of those views, for `data` that holds the metadata alone.
 
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits; with `is_damaged`, damaged metadata.
@@ -64,7 +67,7 @@ def read_file(
     """
     is_prefix = max_bytes is not None or is_damaged
     first = memoryview(data)[:max_bytes]
-    container = read_container(first, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views, units=units)
+    container = read_container(first, limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views, fetched=fetched)
     return ReadFile(container, missing_planes(container, is_damaged=is_damaged), views)
 
 
@@ -81,7 +84,7 @@ def decode_file(
         watch: filled with seconds per stage.
 
     Returns:
-        Gaussians with cameras and all layers. A file whose views are units and that is cut or damaged gives the views
+        Gaussians with cameras and all layers. A file in parts by view that is cut or damaged gives the views
         of which there is something.
 
     Raises:

@@ -11,11 +11,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layers import CodedChannel, CodedLayer
+from ..container.layers import CodedLayer
 from ..container.layout import MAX_VIEWS
+from ..container.planes import planes_file
 from ..container.reader import read_container
-from ..container.records import Limits
-from ..container.writer import write_container
+from ..container.records import CodedChannel, Limits
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
@@ -105,7 +105,7 @@ def write_planes(
     """
     cameras, origin, notes = gaussians.cameras, gaussians.origin, gaussians.notes
     with stats.watch.stage("write"):
-        data = write_container(layers, cameras, origin, profile.name, qp, notes=notes)
+        data = planes_file(layers, cameras, origin, profile.name, qp, notes)
         try:
             read_container(data, _UNLIMITED)
         except FormatError as error:

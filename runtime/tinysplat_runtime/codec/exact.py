@@ -91,7 +91,8 @@ def decode_exact(layer: ExactLayer, crew: Crew) -> tuple[NDArray, NDArray]:
     shape = layer.height, layer.width
 
     def decode(number: int) -> NDArray:
-        return unpack(layer.payload(number), shape, f"exact plane {number % count}, view {number // count}")
+        view, plane = divmod(number, count)
+        return unpack(layer.payload(view, plane), shape, f"exact plane {plane}, view {view}")
 
     planes = np.stack(crew.map(decode, range(views * count))).reshape(views, count, *shape)
     if sha256(planes.tobytes()).digest() != layer.sha256:

@@ -71,14 +71,14 @@ class _Pictures:
     def decode(self, channel: ChannelRecord, view: int, out: NDArray) -> None:
         """Decode one picture into `out` (H, W) uint16."""
         container = self.file.container
-        payload = container.pictures.payload(self.index, channel, view)
+        payload = container.table.payload(channel, view)
         if not hasattr(self.own, "decoder"):
             parameter_sets = container.parameter_sets[self.layer.parameter_set]
             self.own.decoder = PlaneDecoder(parameter_sets, self.layer.height, self.layer.width)
         try:
             self.own.decoder.decode_into(payload, out)
         except FormatError as error:
-            where = f"plane {channel.name}, view {container.pictures.number(view)}"
+            where = f"plane {channel.name}, view {container.table.views[view]}"
             raise FormatError(error.message, where=where) from None
 
 
@@ -110,7 +110,7 @@ class _Part:
             return [(0, self._finish)]
         channels = self._pictures.layer.channels
         return [
-            (channels[channel].streams[self._view].length, partial(self._decode, name, slot, channels[channel]))
+            (channels[channel].pictures[self._view].length, partial(self._decode, name, slot, channels[channel]))
             for name, slot, channel in self._present
         ]
 

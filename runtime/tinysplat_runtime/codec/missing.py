@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ..container.body import Container
 from ..container.layers import LayerHeader
 from ..container.planes import Planes
-from ..container.records import ChannelRecord, PlanePictures
+from ..container.records import Picture
 from ..errors import FormatError
 from ..gaussian.planes import MAX_CODE, PlaneClass
 from .quantise import MID_CODE
@@ -32,19 +32,18 @@ def missing_planes(container: Container, *, is_damaged: bool) -> frozenset[Plane
     """The pictures that the bytes at hand do not hold to their end; of a file that `is_damaged`, also those whose bytes
     are not those that were written.
     """
-    pictures = container.pictures
     return frozenset(
         PlaneRef(index, number, view)
-        for index, channels in enumerate(pictures.channels)
+        for index, channels in container.table.layers.items()
         for number, channel in enumerate(channels)
-        for view in range(len(channel.streams))
-        if not (pictures.holds(index, channel, view) and (not is_damaged or _is_intact(pictures, index, channel, view)))
+        for view, picture in enumerate(channel.pictures)
+        if not picture.is_whole or (is_damaged and not _is_intact(picture))
     )
 
 
-def _is_intact(pictures: PlanePictures, layer: int, channel: ChannelRecord, view: int) -> bool:
+def _is_intact(picture: Picture) -> bool:
     try:
-        pictures.payload(layer, channel, view)
+        picture.checked("")
     except FormatError:
         return False
     return True
@@ -72,4 +71,4 @@ def hidden_views(layer: LayerHeader, index: int, absent: Collection[PlaneRef]) -
 def first_picture_end(planes: Planes) -> int:
     """Bytes of the smallest prefix that holds a depth picture of layer 0, which must have one."""
     records = planes.layers[0].channels
-    return planes.pictures.first_end(next(c for c in records if c.plane_class == PlaneClass.DEPTH and c.streams))
+    return next(c.pictures[0].end for c in records if c.plane_class == PlaneClass.DEPTH and c.pictures)

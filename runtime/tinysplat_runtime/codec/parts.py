@@ -1,7 +1,7 @@
 """A `.tsplat` file read in parts: its metadata once, and of its views those that are wanted.
 
-A walk through a capture of hundreds of views needs a few of them at a time. Of a file whose views are units
-(docs/FORMAT.md, "Views as units"), `SceneFile` reads the bytes of the wanted ones alone, decodes them, and keeps what
+A walk through a capture of hundreds of views needs a few of them at a time. Of a file in parts by view
+(docs/FORMAT.md, "Parts by view"), `SceneFile` reads the bytes of the wanted ones alone, decodes them, and keeps what
 was used last within a bound; other files are read as a whole. Bytes come from anything that gives ranges of them.
 """
 
@@ -14,10 +14,9 @@ from types import TracebackType
 
 import numpy as np
 
-from ..container.layout import VIEW
 from ..container.reader import check_views, read_outline
 from ..container.records import Limits
-from ..container.sections import section_ranges, table_end
+from ..container.sections import metadata_range, table_end
 from ..errors import FormatError, InputError
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import FIELDS, Gaussians, joined
@@ -74,11 +73,13 @@ class SceneFile:
         self.bytes_read = 0
         self._cached: OrderedDict[int, Gaussians] = OrderedDict()
         self._last: tuple[tuple[int, ...], Gaussians] | None = None
-        self._data, self._is_divided = self._metadata(first_bytes)
-        if self._is_divided:
-            outline = read_outline(self._data, limits)
+        self._data, end = self._metadata(first_bytes)
+        outline = read_outline(self._data)
+        self._is_divided = outline is not None
+        if outline:
             self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
         else:
+            self._data = self._up_to(self._data, end + 1)  # a byte more: none may follow the last section
             whole = self._decode(read_file(self._data, limits))
             if not whole.is_per_pixel:
                 raise InputError("a file that holds a list has no views to choose from", where="file")
@@ -143,19 +144,16 @@ class SceneFile:
         near, far = self._depths
         return nearest_views(self.cameras, camera, 2 / (1 / near + 1 / far), count)
 
-    def _metadata(self, first_bytes: int) -> tuple[bytes, bool]:
-        """All bytes before the first view, and whether views are units; else the whole file."""
+    def _metadata(self, first_bytes: int) -> tuple[bytes, int]:
+        """All bytes before the first picture, and where the file ends."""
         data = self._read([(0, first_bytes)])[0]
         data = self._up_to(data, table_end(memoryview(data)))
-        ranges = section_ranges(memoryview(data))
-        first = next((start for kind, start, _ in ranges if kind == VIEW), None)
-        end = first if first is not None else sum(ranges[-1][1:]) if ranges else len(data)
-        if end > MAX_AT_ONCE:
-            raise FormatError(f"{end} bytes to read at once, at most {MAX_AT_ONCE}", where="section table")
-        data = self._up_to(data, end if first is not None else end + 1)  # a byte more: none may follow the last section
-        return (data[:end] if first is not None else data), first is not None
+        metadata_end, end = metadata_range(memoryview(data))
+        return self._up_to(data, metadata_end), end
 
     def _up_to(self, data: bytes, end: int) -> bytes:
+        if end > MAX_AT_ONCE:
+            raise FormatError(f"{end} bytes to read at once, at most {MAX_AT_ONCE}", where="section table")
         return data if len(data) >= end else data + self._read([(len(data), end - len(data))])[0]
 
     def _read(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
@@ -167,7 +165,7 @@ class SceneFile:
         """Each view by itself, so that what is let go of frees memory."""
         parts = self._read([self._ranges[view] for view in views]) if views else []
         return [
-            self._decode(read_file(self._data, self._limits, views=[view], units={view: part}))
+            self._decode(read_file(self._data, self._limits, views=[view], fetched={view: part}))
             for view, part in zip(views, parts, strict=True)
         ]
 

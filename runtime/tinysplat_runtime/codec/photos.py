@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos, PhotoHeader
+from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos
 from ..errors import FormatError
 from ..gaussian.planes import MAX_QP
 from ..scene.images import doubled
@@ -66,23 +66,24 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     return CodedPhotos(height, width, picture_qp, sets, tuple(picture.payload for picture in coded))
 
 
-def decode_photos(photos: PhotoHeader, parameter_sets: bytes, threads: int) -> NDArray:
-    """(V, H, W, 3) float32 RGB in [0, 1]: what encoder and decoder alike give to the network.
+def decode_photos(
+    payloads: Sequence[bytes | memoryview], size: tuple[int, int], parameter_sets: bytes, threads: int
+) -> NDArray:
+    """(V, H, W, 3) float32 RGB in [0, 1] of photos of `size` (H, W): what the network is given on either side.
 
     Raises:
         FormatError: a picture is damaged, or not of the announced size and format; names the photo.
     """
-    height, width = coded_photo_size(photos.height, photos.width)
+    height, width = coded_photo_size(*size)
 
     def decode(view: int) -> NDArray:
-        payload = photos.payload(view)
         try:
-            planes = PictureDecoder(parameter_sets, height, width, _PIXEL_FORMAT).decode(payload)
+            planes = PictureDecoder(parameter_sets, height, width, _PIXEL_FORMAT).decode(payloads[view])
         except FormatError as error:
             raise FormatError(error.message, where=f"photo {view}") from None
-        return planes_picture(planes, photos.height, photos.width)
+        return planes_picture(planes, *size)
 
-    return np.stack(Crew(threads).map(decode, range(len(photos.streams))))
+    return np.stack(Crew(threads).map(decode, range(len(payloads))))
 
 
 def coded_photo_size(height: int, width: int) -> tuple[int, int]:

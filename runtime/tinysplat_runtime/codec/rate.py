@@ -14,8 +14,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.layers import CodedChannel, CodedLayer
-from ..container.writer import write_container
+from ..container.layers import CodedLayer
+from ..container.planes import planes_file
+from ..container.records import CodedChannel
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from .adaptive import depth_fineness, with_depth_pictures
 from .depth_step.blocks import DEAD_ZONE, SIDE, dct
@@ -111,7 +112,7 @@ class PlanesCoder(Coder):
             height, width = layer.opacities.shape[1:]
             layers.append(CodedLayer(height, width, layer.degree, plan, channels, b"", layer.cameras))
         scene = self._encoder.job.gaussians
-        return len(write_container(layers, scene.cameras, scene.origin, "", 0.0, notes=scene.notes))
+        return len(planes_file(layers, scene.cameras, scene.origin, "", 0.0, scene.notes))
 
 
 class ChannelModel:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.body import Container
-from ..container.layers import CodedChannel, CodedLayer, LayerHeader
+from ..container.layers import CodedLayer, LayerHeader
 from ..container.planes import Planes
-from ..container.records import ChannelRecord, Limits
+from ..container.records import ChannelRecord, CodedChannel, Limits
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
@@ -103,7 +103,7 @@ def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHea
         raise InputError(f"grids {_grids(found)}, those of the file are {_grids(wanted)}", where="gaussians")
     for index, layer in enumerate(container.body.layers):
         for channel in layer.channels:
-            if channel.streams and not channel.scale > _LEAST_SCALE:
+            if channel.pictures and not channel.scale > _LEAST_SCALE:
                 found_scale = f"plane {channel.name} of layer {index} has {channel.scale:g} units per code"
                 raise InputError(f"{found_scale}, expected more than {_LEAST_SCALE:g}", where=_WHERE)
     return container.body.layers, find_profile(container.profile)
@@ -135,7 +135,7 @@ def _targets(
         wanted |= {key: sign * wanted[key] for key in rotation}
     targets = {}
     for key in {channel.key: None for channel in header.channels}:
-        scales = [channel.scale for channel in header.channels if channel.key == key and channel.streams]
+        scales = [channel.scale for channel in header.channels if channel.key == key and channel.pictures]
         tolerance = SAME * min(scales) if scales else 1e-5 * (1 + np.abs(decoded[key]))
         same = np.abs(wanted[key].astype(np.float64) - decoded[key]) <= tolerance
         targets[key] = _Target(wanted[key], wanted[key], same)
@@ -226,7 +226,7 @@ class _LayerCoder:
         channels, sets = [], set[bytes]()
         for record in self._header.channels:
             target = targets[record.key]
-            if record.streams:
+            if record.pictures:
                 with self._stats.watch.stage("x265"):
                     channels.append(self._coded(record, target, sets))
             else:
@@ -254,7 +254,7 @@ class _LayerCoder:
     ) -> tuple[CodedPlane, NDArray, bool]:
         """A picture, what it decodes to, and whether it was coded anew."""
         sets = self._container.parameter_sets[self._header.parameter_set]
-        earlier = CodedPlane(sets, bytes(self._container.pictures.payload(self._index, record, view)))
+        earlier = CodedPlane(sets, bytes(self._container.table.payload(record, view)))
         decoded = earlier.decoded(*codes.shape)
         if same.all():
             return earlier, decoded, False

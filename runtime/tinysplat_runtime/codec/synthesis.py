@@ -111,7 +111,7 @@ def coded_channels(layer: LayerMaps) -> tuple[list[int], list[int]]:
 
     Indices, as a record's hash and comparison go through all its streams: 4 of 208 ms at 16 views.
     """
-    coded = [index for index, channel in enumerate(layer.channels) if channel.streams]
+    coded = [index for index, channel in enumerate(layer.channels) if channel.pictures]
     colors = [index for index in coded if layer.channels[index].plane_class == PlaneClass.COLOR]
     return [index for index in coded if index not in colors], colors
 

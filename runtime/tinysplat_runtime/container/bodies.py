@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from ..errors import FormatError
 from .body import Body
 from .exact import Exact
 from .photos import Photos
 from .planes import Planes
 from .points import Points
 
-BODIES: list[type[Body]] = [Points, Exact, Photos, Planes]
-"""A file's body is of the first kind that its sections tell; by its name `codec/modes/` has what codes it."""
+BODIES: list[type[Body]] = [Planes, Photos, Exact, Points]
+"""A file's body is of the kind whose sign is among its sections; by its name `codec/modes/` has what codes it."""
 
 
 def body_kind(kinds: Collection[bytes]) -> type[Body]:
-    """Which body a file with such sections has."""
-    return next(body for body in BODIES if body.is_told_by(kinds))
+    """Which body a file with such sections has; FormatError where none tells, or several."""
+    found = [body for body in BODIES if body.sign in kinds]
+    if len(found) != 1:
+        signs = ", ".join(body.sign.decode() for body in BODIES)
+        raise FormatError(f"has sections of {len(found)} modes, expected one of {signs}", where="file")
+    return found[0]
 
 
 def known_kinds() -> frozenset[bytes]:

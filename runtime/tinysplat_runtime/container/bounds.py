@@ -25,7 +25,7 @@ def decoding_bytes(layer: LayerHeader) -> int:
 
     Codes count because they can outweigh the Gaussians: a file may announce more planes than a Gaussian has numbers.
     """
-    pictures = sum(1 for channel in layer.channels if channel.streams)
+    pictures = sum(1 for channel in layer.channels if channel.pictures)
     numbers = GEOMETRY_CHANNELS + 3 * (layer.degree + 1) ** 2
     per_gaussian = 4 * (numbers + 2 * GEOMETRY_CHANNELS) + (2 + 4) * (pictures + 2)
     return layer.gaussians * per_gaussian
@@ -63,7 +63,7 @@ def _largest(layer: LayerHeader, plane_class: PlaneClass) -> dict[int, float]:
     sums: dict[int, float] = {}
     for channel in layer.channels:
         if channel.plane_class == plane_class:
-            reach = abs(channel.offset) + (MAX_CODE * abs(channel.scale) if channel.streams else 0.0)
+            reach = abs(channel.offset) + (MAX_CODE * abs(channel.scale) if channel.pictures else 0.0)
             sums[channel.target] = sums.get(channel.target, 0.0) + reach
     return sums
 

@@ -4,59 +4,57 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
-from zlib import crc32
 
-from numpy.typing import NDArray
-
-from ..gaussian.planes import MAX_DECODED
+from ..errors import FormatError
+from ..gaussian.planes import MAX_DECODED, PlaneClass
 from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
-from .body import Body, Description, Opened, Piece, calibration, camera_in, check_totals
-from .layers import PixelGrid, intrinsics
-from .records import StreamRef, read_streams
+from .body import Body, Description, Opened, check_totals
+from .cameras import has_own_intrinsics, packed_intrinsics
+from .layers import PixelGrid
+from .records import CodedChannel, Picture
 from .sections import Cursor, NewSection
+from .table import CodedRow
 
 EXACT = b"EXAC"
-EXACT_PLANES = b"EXAP"
 
-EXACT_FIXED = struct.Struct("<IIB3sff32s")
-"""height, width, SH degree, reserved (0), least z, largest z, SHA-256 of the planes; then per view INTRINSICS, and per
-view and plane a STREAM."""
+EXACT_FIXED = struct.Struct("<IIBB2sff32s")
+"""height, width, SH degree, flags, reserved (0), least z, largest z, SHA-256 of the planes; then intrinsics where flags
+have OWN_INTRINSICS, which is the only one."""
 
 
 @dataclass(frozen=True)
 class ExactLayer(PixelGrid):
-    """A layer of exact planes of a file: its grid, and where its planes lie in `data`, views outermost."""
+    """A layer of exact planes of a file: its grid, and its planes, a row of pictures each."""
 
     cameras: tuple[Camera, ...]
     degree: int
     depth_limits: tuple[float, float]
     sha256: bytes
-    streams: tuple[StreamRef, ...]
-    data: memoryview
+    rows: tuple[tuple[Picture, ...], ...]
 
     @property
     def planes(self) -> int:
         """Planes of a view: 12 of geometry, and all SH coefficients."""
         return 12 + 3 * (self.degree + 1) ** 2
 
-    def payload(self, number: int) -> memoryview:
-        """One plane's bytes; FormatError if its CRC differs."""
-        return self.streams[number].checked(self.data, f"exact plane {number}")
+    def payload(self, view: int, plane: int) -> memoryview:
+        """One plane's bytes; FormatError where they are cut off or altered."""
+        return self.rows[plane][view].checked(f"exact plane {plane}, view {view}")
 
 
 @dataclass(frozen=True)
 class CodedExact:
-    """A layer of exact planes ready for the file: a payload per view and plane, views outermost."""
+    """A layer of exact planes ready for the file: for each plane a payload per view."""
 
     cameras: tuple[Camera, ...]
     degree: int
     depth_limits: tuple[float, float]
     sha256: bytes
-    payloads: tuple[bytes, ...]
+    payloads: tuple[tuple[bytes, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,59 +62,63 @@ class Exact(Body):
     """Layers of exact planes."""
 
     mode: ClassVar[str] = "lossless"
-    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, EXACT, EXACT_PLANES})
-    signs: ClassVar[frozenset[bytes]] = frozenset({EXACT, EXACT_PLANES})
+    sign: ClassVar[bytes] = EXACT
+    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, EXACT})
 
     layers: tuple[ExactLayer, ...]
 
     @classmethod
     def read(cls, file: Opened) -> Exact:
-        """Parse and check the sections EXAC and EXAP."""
+        """Parse and check the sections EXAC."""
         file.check_counts()
-        poses = [c2w for _, c2w in file.poses]
+        file.check_rows([PlaneClass.EXACT])
         layers: list[ExactLayer] = []
         pixels = memory = 0
         for index in range(file.layer_count):
-            planes = file.only(EXACT_PLANES, index)
-            layer = _read_exact(Cursor(file.only(EXACT, index)), poses, planes.data)
+            layer = _read_exact(file, index)
             pixels += layer.gaussians
             memory += 12 * layer.gaussians * layer.planes  # float16, float64 and float32 at a time
             check_totals(pixels, memory, file.limits, f"section EXAC[{index}]")
             layers.append(layer)
-        return cls(cameras=file.cameras(layers[0].height, layers[0].width), layers=tuple(layers))
+        return cls(cameras=file.cameras, layers=tuple(layers))
 
     def describe(self) -> Description:
-        """Gaussians, and bytes by view."""
-        pieces = [
-            Piece("exact", number // layer.planes, stream.length)
-            for layer in self.layers
-            for number, stream in enumerate(layer.streams)
-        ]
+        """Gaussians, of which all is kept."""
         gaussians = sum(layer.gaussians for layer in self.layers)
-        return Description(gaussians=gaussians, sh_degree=self.layers[0].degree, pieces=tuple(pieces))
+        return Description(gaussians=gaussians, sh_degree=self.layers[0].degree)
 
 
-def exact_sections(layer: CodedExact, index: int) -> list[NewSection]:
-    """The sections of a layer of exact planes."""
-    first = layer.cameras[0]
-    fixed = EXACT_FIXED.pack(first.height, first.width, layer.degree, b"", *layer.depth_limits, layer.sha256)
-    own = b"".join(L.INTRINSICS.pack(*intrinsics(camera.K)) for camera in layer.cameras)
-    table = b"".join(L.STREAM.pack(len(payload), crc32(payload)) for payload in layer.payloads)
-    return [NewSection(EXACT, index, fixed + own + table), NewSection(EXACT_PLANES, index, b"".join(layer.payloads))]
+def exact_section(layer: CodedExact, index: int, cameras: Sequence[Camera]) -> NewSection:
+    """The section of a layer of exact planes, of a file with such cameras."""
+    first, has_own = layer.cameras[0], has_own_intrinsics(cameras, layer.cameras)
+    flags = L.OWN_INTRINSICS * has_own
+    fixed = EXACT_FIXED.pack(first.height, first.width, layer.degree, flags, b"", *layer.depth_limits, layer.sha256)
+    return NewSection(EXACT, index, fixed + (packed_intrinsics(layer.cameras) if has_own else b""))
 
 
-def _read_exact(cursor: Cursor, poses: Sequence[NDArray], data: memoryview) -> ExactLayer:
-    """Parse and check an EXAC section; `data` are the bytes of its planes, `poses` c2w per view."""
-    height, width, degree, _, z_min, z_max, digest = cursor.unpack(EXACT_FIXED)
+def exact_rows(layer: CodedExact, index: int) -> list[CodedRow]:
+    """Its rows of the table of pictures."""
+    return [(index, CodedChannel(PlaneClass.EXACT, n, 0, 0.0, 0.0, own)) for n, own in enumerate(layer.payloads)]
+
+
+def _read_exact(file: Opened, index: int) -> ExactLayer:
+    cursor = Cursor(file.only(EXACT, index))
+    height, width, degree, flags, _, z_min, z_max, digest = cursor.unpack(EXACT_FIXED)
     cursor.require(
         1 <= height <= L.MAX_SIDE and 1 <= width <= L.MAX_SIDE, f"grid {width}x{height}, sides 1 to {L.MAX_SIDE}"
     )
     cursor.require(degree <= MAX_SH_DEGREE, f"SH degree {degree}, accepted are 0 to {MAX_SH_DEGREE}")
+    cursor.require(not flags & ~L.OWN_INTRINSICS, f"unknown flags {flags:#x}")
     depths = f"depth limits {z_min:g} to {z_max:g}, expected positive and ordered"
     cursor.require(1 / MAX_DECODED < z_min <= z_max < MAX_DECODED, depths)
-    cameras = [
-        camera_in(cursor.section, view, calibration(*cursor.unpack(L.INTRINSICS)), c2w, width, height)
-        for view, c2w in enumerate(poses)
-    ]
-    layer = ExactLayer(tuple(cameras), degree, (z_min, z_max), digest, (), data)
-    return replace(layer, streams=read_streams(cursor, len(poses) * layer.planes, data))
+    if not index:
+        file.check_sizes(height, width, cursor.section.label)
+    cameras = file.layer_cameras(cursor, height, width, has_own=bool(flags))
+    cursor.finish()
+    records = file.table.layer(index)
+    layer = ExactLayer(cameras, degree, (z_min, z_max), digest, tuple(record.pictures for record in records))
+    found = [record.target for record in records if record.pictures]
+    if found != list(range(layer.planes)) or len(records) != layer.planes:
+        listed = f"{len(found)} planes of layer {index}, expected {layer.planes}, each with pictures and in order"
+        raise FormatError(listed, where="section PICT[0]")
+    return layer

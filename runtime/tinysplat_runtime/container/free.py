@@ -1,4 +1,4 @@
-"""Sections of mode free: Gaussians that belong to no pixels. Layout: docs/FORMAT.md, `FREE`, `TIER` and `FREP`.
+"""What mode list stores: Gaussians that belong to no pixels. Layout: docs/FORMAT.md, `LIST` and `TIER`.
 
 Reading checks every number and length against limits before anything is decoded, and shows by the numbers' ranges that
 nothing can come to more than float32 holds.
@@ -9,36 +9,29 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from zlib import crc32
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.planes import MAX_CODE, MAX_DECODED, MAX_QP, PlaneClass
+from ..errors import FormatError
+from ..gaussian.planes import MAX_CODE, MAX_DECODED, PlaneClass
 from ..gaussian.sh import MAX_SH_DEGREE
-from .layout import CHANNEL, CONSTANT, INTRA, PARAMETER_SETS, PLANES, STREAM
-from .records import ChannelRecord, FreeChannel, FreeScene, FreeTier, Limits, PointGrid, StreamRef, WeightClasses
-from .sections import Cursor, NewSection, Section, only, require
+from .body import Opened, check_totals
+from .layout import PARAMETER_SETS
+from .records import ChannelRecord, CodedChannel, Picture
+from .sections import Cursor, NewSection
+from .table import CodedRow
 
-FREE = b"FREE"
-FREE_TIER = b"TIER"
-FREE_POINTS = b"FREP"
+LIST = b"LIST"
+TIER = b"TIER"
 
-FREE_FIXED = struct.Struct("<IBBHH6sIIddddddddf")
-"""count, SH degree, levels, channels, k, reserved (0), leaves, escapes, centre (3), radius, cell, low (3), and
-size_middle."""
-
-FREE_MINOR = 4
-"""Minor version of a file of mode free, whose sections readers before it refuse."""
+LIST_FIXED = struct.Struct("<BBHdddddddf")
+"""SH degree, reserved (0), k, centre (3), radius, low (3), and size_middle"""
 
 TIER_FIXED = struct.Struct("<IBBHIIdf")
-"""count, levels, reserved (0), reserved (0), leaves, escapes, cell, growth."""
-
-TIER_MINOR = 6
-"""Minor version of a file of several tiers."""
-
-MAX_TIERS = 16
+"""count, levels, parameter-set index, reserved (0), leaves, escapes, cell, growth."""
 
 MAX_GROWTH = 2.0
 
@@ -55,13 +48,115 @@ MAX_PER_BYTE = 256
 useful quality; only equal ones in one place could take next to none."""
 
 COUNT = struct.Struct("<H")
-CENTRE = struct.Struct("<f")
+STREAMS_FIXED = struct.Struct(f"<{POINT_STREAMS}I")
+"""Bytes of each stream of the positions, which follow."""
 
 TARGETS = {PlaneClass.OPACITY: 1, PlaneClass.SCALE: 3, PlaneClass.ROTATION: 3}
 """Channels of each class but colour: √opacity; size, length, thickness; a rotation's vector part."""
 
 DETERMINING = ((PlaneClass.OPACITY, 0), (PlaneClass.SCALE, 0), (PlaneClass.SCALE, 1))
 """Channels that say how much a Gaussian weighs: opacity, size, length."""
+
+CLASSES = (PlaneClass.COLOR, *TARGETS, PlaneClass.POSITION)
+
+BYTE_ORDER = (PlaneClass.POSITION, PlaneClass.OPACITY, PlaneClass.SCALE, PlaneClass.COLOR, PlaneClass.ROTATION)
+"""Classes as our writer puts them, such that a prefix shows as much as it can."""
+
+
+@dataclass(frozen=True)
+class PointGrid:
+    """Where positions can lie.
+
+    Attributes:
+        centre, radius: coordinates within `radius` of the centre are taken as they are, those beyond as logarithms.
+        cell: side of a cell of the contracted space, whose unit is the radius.
+        low: (3,) contracted coordinates of cell 0's middle.
+        levels: cells of each level of the octree from its root.
+        leaves, escapes: see `codec.free.octree`.
+        streams: the octree's bytes, where they are to be written.
+    """
+
+    centre: NDArray
+    radius: float
+    cell: float
+    low: NDArray
+    levels: tuple[int, ...]
+    leaves: int
+    escapes: int
+    streams: tuple[bytes | memoryview, ...]
+
+
+@dataclass(frozen=True)
+class WeightClasses:
+    """An order of Gaussians by what they weigh, in classes.
+
+    Attributes:
+        first: what is subtracted from half the count of thresholds reached.
+        gains: by class, what a channel's decoded number is multiplied by.
+    """
+
+    first: int
+    gains: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class FreeChannel:
+    """A channel: `record` as in layers with one picture, and what is added behind the gain."""
+
+    record: ChannelRecord
+    centre: float
+
+
+@dataclass(frozen=True)
+class FreeTier:
+    """Some of the Gaussians of a list.
+
+    Attributes:
+        count: how many.
+        grid: where they lie.
+        channels: all that there are, by class and target.
+        positions: the row with their positions, in a file that is read.
+        parameter_set: index of its pictures' parameter sets.
+        growth: what is added to logarithms of scales in front of it where the tier is absent.
+    """
+
+    count: int
+    grid: PointGrid
+    channels: tuple[FreeChannel, ...]
+    positions: ChannelRecord | None = None
+    parameter_set: int = 0
+    growth: float = 0.0
+
+    def channel(self, plane_class: PlaneClass, target: int) -> FreeChannel:
+        """One of the channels, each of which there is."""
+        return next(c for c in self.channels if c.record.key == (plane_class, target))
+
+
+@dataclass(frozen=True)
+class FreeScene:
+    """The metadata of a list.
+
+    Attributes:
+        size_middle: logarithm of the size whose steps are those of the logarithm.
+        thresholds: of each determinant, rising.
+        orders: by one, two and all three determinants.
+        mean: (d,) float32, d = 3(degree + 1)².
+        basis: (d, k) float16.
+        tiers: from those that pictures need most, at least one; their grids have centre, radius and low in common.
+    """
+
+    degree: int
+    size_middle: float
+    thresholds: tuple[NDArray, ...]
+    orders: tuple[WeightClasses, ...]
+    mean: NDArray
+    basis: NDArray
+    tiers: tuple[FreeTier, ...]
+
+    @property
+    def count(self) -> int:
+        """Gaussians of all tiers."""
+        return sum(tier.count for tier in self.tiers)
 
 
 def order_of(plane_class: PlaneClass, target: int) -> int:
@@ -73,157 +168,109 @@ def order_of(plane_class: PlaneClass, target: int) -> int:
     return 1 if (plane_class, target) == (PlaneClass.SCALE, 0) else 2
 
 
-def free_sections(
-    scene: FreeScene, payloads: Sequence[Mapping[tuple[PlaneClass, int], bytes]], parameter_sets: Sequence[bytes]
-) -> list[NewSection]:
-    """The sections of a scene: metadata, then its tiers such that a prefix shows as much as it can.
-
-    Args:
-        scene: what they hold.
-        payloads: by tier, the pictures of the channels that are no numbers.
-        parameter_sets: by tier; empty where there are no pictures.
-    """
-    first, k = scene.tiers[0], scene.basis.shape[1]
-    grid = first.grid
-    fixed = FREE_FIXED.pack(
-        first.count, scene.degree, len(grid.levels), len(first.channels), k, b"", grid.leaves, grid.escapes,
-        *grid.centre, grid.radius, grid.cell, *grid.low, scene.size_middle,
-    )  # fmt: skip
-    shared = [COUNT.pack(len(values)) + values.astype("<f4").tobytes() for values in scene.thresholds]
+def list_sections(scene: FreeScene, parameter_sets: Sequence[bytes]) -> list[NewSection]:
+    """The metadata of a scene, and by tier its parameter sets, empty where it has no pictures."""
+    grid, k = scene.tiers[0].grid, scene.basis.shape[1]
+    parts = [LIST_FIXED.pack(scene.degree, 0, k, *grid.centre, grid.radius, *grid.low, scene.size_middle)]
+    parts += [COUNT.pack(len(values)) + values.astype("<f4").tobytes() for values in scene.thresholds]
     for order in scene.orders:
-        shared.append(COUNT.pack(order.first) + COUNT.pack(len(order.gains)) + np.array(order.gains, "<f4").tobytes())
-    shared += [scene.mean.astype("<f4").tobytes(), np.ascontiguousarray(scene.basis, "<f2").tobytes()]
-    parts = [fixed, _packed_points(grid), *shared, _packed_channels(first, payloads[0])]
-    metadata = [NewSection(FREE, 0, b"".join(parts), FREE_MINOR)]
-    for number, tier in enumerate(scene.tiers[1:], start=1):
+        parts.append(COUNT.pack(order.first) + COUNT.pack(len(order.gains)) + np.array(order.gains, "<f4").tobytes())
+    parts += [scene.mean.astype("<f4").tobytes(), np.ascontiguousarray(scene.basis, "<f2").tobytes()]
+    sections = [NewSection(LIST, 0, b"".join(parts))]
+    for number, tier in enumerate(scene.tiers):
         grid = tier.grid
-        fixed = TIER_FIXED.pack(tier.count, len(grid.levels), 0, 0, grid.leaves, grid.escapes, grid.cell, tier.growth)
-        data = b"".join((fixed, _packed_points(grid), _packed_channels(tier, payloads[number])))
-        metadata.append(NewSection(FREE_TIER, number, data, TIER_MINOR))
-    metadata += [NewSection(PARAMETER_SETS, number, sets) for number, sets in enumerate(parameter_sets) if sets]
-    return metadata + [
-        section for number, tier in enumerate(scene.tiers) for section in _tier_sections(number, tier, payloads[number])
-    ]
+        fixed = tier.count, len(grid.levels), number, 0, grid.leaves, grid.escapes, grid.cell, tier.growth
+        numbers = np.array(grid.levels, "<u4").tobytes() + np.array([c.centre for c in tier.channels], "<f4").tobytes()
+        sections.append(NewSection(TIER, number, TIER_FIXED.pack(*fixed) + numbers))
+    return sections + [NewSection(PARAMETER_SETS, n, sets) for n, sets in enumerate(parameter_sets) if sets]
 
 
-def _packed_points(grid: PointGrid) -> bytes:
-    streams = [STREAM.pack(len(stream), crc32(stream)) for stream in grid.streams]
-    return np.array(grid.levels, "<u4").tobytes() + b"".join(streams)
+def list_rows(scene: FreeScene, payloads: Sequence[Mapping[tuple[PlaneClass, int], bytes]]) -> Iterator[CodedRow]:
+    """The rows of a scene's tiers; `payloads` are by tier the pictures of the channels that are no numbers."""
+    for number, (tier, pictures) in enumerate(zip(scene.tiers, payloads, strict=True)):
+        streams = tier.grid.streams
+        points = STREAMS_FIXED.pack(*map(len, streams)) + b"".join(map(bytes, streams))
+        records = [channel.record for channel in tier.channels]
+        channels = [
+            CodedChannel(*r.key, r.qp, r.scale, r.offset, (pictures[r.key],) if r.key in pictures else ())
+            for r in records
+        ]
+        channels.append(CodedChannel(PlaneClass.POSITION, 0, 0, 0.0, 0.0, (points,)))
+        yield from ((number, c) for c in sorted(channels, key=lambda c: (BYTE_ORDER.index(c.plane_class), c.target)))
 
 
-def _packed_channels(tier: FreeTier, payloads: Mapping[tuple[PlaneClass, int], bytes]) -> bytes:
-    parts = []
-    for channel in tier.channels:
-        record = channel.record
-        payload = payloads.get(record.key)
-        coding = CONSTANT if payload is None else INTRA
-        parts.append(CHANNEL.pack(record.plane_class, record.target, coding, record.qp, record.scale, record.offset))
-        parts.append(CENTRE.pack(channel.centre))
-        if payload is not None:
-            parts.append(STREAM.pack(len(payload), crc32(payload)))
-    return b"".join(parts)
+def position_streams(picture: Picture) -> list[memoryview]:
+    """The streams of a tier's positions; FormatError where they are cut off, altered or of other lengths."""
+    data = picture.checked("positions")
+    lengths = STREAMS_FIXED.unpack(data[: STREAMS_FIXED.size]) if len(data) >= STREAMS_FIXED.size else ()
+    ends = [STREAMS_FIXED.size + sum(lengths[:n]) for n in range(len(lengths) + 1)]
+    if ends[-1] != len(data):
+        raise FormatError(f"{len(data)} bytes, their streams have {ends[-1]}", where="positions")
+    return [data[start:end] for start, end in pairwise(ends)]
 
 
-def _tier_sections(
-    number: int, tier: FreeTier, payloads: Mapping[tuple[PlaneClass, int], bytes]
-) -> Iterator[NewSection]:
-    yield NewSection(FREE_POINTS, number, b"".join(map(bytes, tier.grid.streams)))
-    for plane_class in (PlaneClass.OPACITY, PlaneClass.SCALE, PlaneClass.COLOR, PlaneClass.ROTATION):
-        if data := b"".join(p for (c, _), p in sorted(payloads.items()) if c == plane_class):
-            yield NewSection(PLANES[plane_class], number, data)
-
-
-def read_free(sections: Sequence[Section], limits: Limits) -> FreeScene:
-    """Parse and check the sections FREE, TIER and FREP.
+def read_list(file: Opened) -> FreeScene:
+    """Parse and check the sections LIST and TIER.
 
     Raises:
         FormatError: damaged, or beyond the limits.
     """
-    cursor, tiers = Cursor(only(sections, FREE)), _tier_cursors(sections)
-    count, degree, n_levels, n_channels, k, _, leaves, escapes, *numbers = cursor.unpack(FREE_FIXED)
-    fixed = [tier.unpack(TIER_FIXED) for tier in tiers]
-    for tier, (number, *_) in zip(tiers, fixed, strict=True):
-        tier.require(number > 0, "0 Gaussians, accepted are 1 and more")
-    total = count + sum(number for number, *_ in fixed)
+    cursor = Cursor(file.only(LIST))
+    degree, _, k, *centre, radius, low_x, low_y, low_z, middle = cursor.unpack(LIST_FIXED)
     d = 3 * (degree + 1) ** 2
     cursor.require(degree <= MAX_SH_DEGREE, f"SH degree {degree}, accepted are 0 to {MAX_SH_DEGREE}")
-    most = limits.max_pixels
-    cursor.require(count >= 1 and total <= most, f"{total} Gaussians, accepted are 1 to {most} (--max-pixels)")
-    paid = MAX_PER_BYTE * sum(len(section.data) for section in sections)
-    cursor.require(total <= paid, f"{total} Gaussians, the file's bytes stand for {paid} at most")
     cursor.require(k <= d, f"k = {k}, accepted are 0 to {d}")
-    cursor.require(n_channels == 7 + k, f"{n_channels} channels, expected {7 + k}")
-    memory, most = decoding_bytes(total, degree, k), limits.max_memory_bytes
-    cursor.require(memory <= most, f"{memory} bytes to decode, the limit is {most} (--max-memory)")
-    *centre, radius, cell, low_x, low_y, low_z, middle = numbers
-    space = PointGrid(np.array(centre), radius, cell, np.array([low_x, low_y, low_z]), (), leaves, escapes, ())
-    grid = _read_grid(cursor, only(sections, FREE_POINTS), space, n_levels, count)
     thresholds = tuple(_read_floats(cursor, MAX_THRESHOLDS, "thresholds") for _ in DETERMINING)
     for values in thresholds:
         cursor.require(bool((np.diff(values) > 0).all()), "thresholds do not rise")
     orders = tuple(_read_order(cursor) for _ in DETERMINING)
     mean = np.frombuffer(cursor.take(4 * d), "<f4")
     basis = np.frombuffer(cursor.take(2 * d * k), "<f2").reshape(d, k)
-    found = [FreeTier(count, grid, _read_channels(cursor, k))]
-    for index, (tier, row) in enumerate(zip(tiers, fixed, strict=True), start=1):
-        found.append(_read_tier(tier, row, only(sections, FREE_POINTS, index), grid, k))
-    for section in sections:
-        where = section.kind == FREE_POINTS and section.index > len(tiers)
-        cursor.require(not where, f"{section.label} holds positions of no tier")
-    for each in (cursor, *tiers):
-        each.finish()
-    scene = FreeScene(degree, middle, thresholds, orders, mean, basis, tuple(found))
+    cursor.finish()
+    space = PointGrid(np.array(centre), radius, 0.0, np.array([low_x, low_y, low_z]), (), 0, 0, ())
+    cursors = [Cursor(file.only(TIER, number)) for number in range(file.layer_count)]
+    tiers = tuple(_read_tier(file, number, tier, space, k) for number, tier in enumerate(cursors))
+    scene = FreeScene(degree, middle, thresholds, orders, mean, basis, tiers)
+    paid = MAX_PER_BYTE * sum(len(section.data) for section in file.sections)
+    cursor.require(scene.count <= paid, f"{scene.count} Gaussians, the file's bytes stand for {paid} at most")
+    check_totals(scene.count, decoding_bytes(scene.count, degree, k), file.limits, cursor.section.label)
     fault = range_fault(scene)
     cursor.require(fault is None, fault[1] if fault else "")
     return scene
 
 
-def _tier_cursors(sections: Sequence[Section]) -> list[Cursor]:
-    """The sections TIER, which have the numbers 1, 2, 3, …"""
-    found = sorted((s for s in sections if s.kind == FREE_TIER), key=lambda section: section.index)
-    for number, section in enumerate(found, start=1):
-        require(section.index == number < MAX_TIERS, section, f"expected TIER[{number}], of at most {MAX_TIERS - 1}")
-    return [Cursor(section) for section in found]
-
-
-def _read_tier(cursor: Cursor, fixed: Sequence, points: Section, shared: PointGrid, k: int) -> FreeTier:
-    count, n_levels, _, _, leaves, escapes, cell, growth = fixed
+def _read_tier(file: Opened, number: int, cursor: Cursor, space: PointGrid, k: int) -> FreeTier:
+    count, n_levels, parameter_set, _, leaves, escapes, cell, growth = cursor.unpack(TIER_FIXED)
+    cursor.require(count > 0, "0 Gaussians, accepted are 1 and more")
     cursor.require(0 <= growth <= MAX_GROWTH, f"growth {growth:g}, accepted are 0 to {MAX_GROWTH:g}")
-    space = replace(shared, cell=cell, leaves=leaves, escapes=escapes)
-    grid = _read_grid(cursor, points, space, n_levels, count)
-    return FreeTier(count, grid, _read_channels(cursor, k), growth)
+    cursor.require(1 <= n_levels <= MAX_LEVELS, f"{n_levels} levels, accepted are 1 to {MAX_LEVELS}")
+    levels = np.frombuffer(cursor.take(4 * n_levels), "<u4").astype(np.int64)
+    chain = np.array([*levels, leaves])
+    fits = levels[0] == 1 and bool((np.diff(chain) >= 0).all()) and bool((chain[1:] <= 8 * chain[:-1]).all())
+    cursor.require(fits, "the octree's levels do not grow as an octree's do")
+    sizes = f"{leaves} leaves and {escapes} escapes for {count} Gaussians"
+    cursor.require(leaves <= count and escapes <= leaves, sizes)
+    grid = replace(space, cell=cell, levels=tuple(levels.tolist()), leaves=leaves, escapes=escapes)
+    centres = np.frombuffer(cursor.take(4 * (7 + k)), "<f4")
+    cursor.require(bool((np.abs(centres) < MAX_DECODED).all()), "a centre is out of range")
+    cursor.finish()
+    records = file.table.layer(number)
+    expected = [(PlaneClass.COLOR, target) for target in range(k)]
+    expected += [(c, target) for c, targets in TARGETS.items() for target in range(targets)]
+    found = sorted(record.key for record in records)
+    if found != [*expected, (PlaneClass.POSITION, 0)] or not records[-1].pictures:
+        names = f"{len(records)} channels of tier {number}, expected {len(expected)} and positions, each once"
+        raise FormatError(names, where="section PICT[0]")
+    by_key = {record.key: record for record in records}
+    channels = tuple(FreeChannel(by_key[key], float(centre)) for key, centre in zip(expected, centres, strict=True))
+    file.require_parameter_set(parameter_set, records[:-1], cursor.section.label)
+    return FreeTier(count, grid, channels, by_key[PlaneClass.POSITION, 0], parameter_set, growth)
 
 
 def decoding_bytes(count: int, degree: int, k: int) -> int:
     """Memory that decoding takes: the Gaussians, codes and numbers that they come from, and cells of the octree."""
     d = 3 * (degree + 1) ** 2
     return count * (4 * (11 + d) + 2 * (7 + k) + 8 * (16 + k) + 64)
-
-
-def _read_grid(cursor: Cursor, points: Section, space: PointGrid, n_levels: int, count: int) -> PointGrid:
-    """The grid whose fixed fields `space` has, with levels and streams."""
-    cursor.require(1 <= n_levels <= MAX_LEVELS, f"{n_levels} levels, accepted are 1 to {MAX_LEVELS}")
-    fault = _grid_fault(space, n_levels)
-    cursor.require(not fault, fault)
-    levels = np.frombuffer(cursor.take(4 * n_levels), "<u4").astype(np.int64)
-    leaves, escapes = space.leaves, space.escapes
-    chain = np.array([*levels, leaves])
-    fits = levels[0] == 1 and bool((np.diff(chain) >= 0).all()) and bool((chain[1:] <= 8 * chain[:-1]).all())
-    cursor.require(fits, "the octree's levels do not grow as an octree's do")
-    cursor.require(
-        leaves <= count and escapes <= leaves, f"{leaves} leaves and {escapes} escapes for {count} Gaussians"
-    )
-    streams, end = [], 0
-    is_at_hand = len(points.data) == points.length  # not where a prefix ends before or in it
-    for number in range(POINT_STREAMS):
-        length, crc = cursor.unpack(STREAM)
-        data = points.data[end : end + length]
-        is_right = not is_at_hand or (len(data) == length and crc32(data) == crc)
-        cursor.require(is_right, f"stream {number} of the positions was altered")
-        streams.append(data)
-        end += length
-    cursor.require(end == points.length, f"{points.length} bytes of positions, {end} announced")
-    return replace(space, levels=tuple(levels.tolist()), streams=tuple(streams) if is_at_hand else ())
 
 
 def _read_floats(cursor: Cursor, most: int, name: str) -> NDArray:
@@ -239,29 +286,6 @@ def _read_order(cursor: Cursor) -> WeightClasses:
     gains = _read_floats(cursor, MAX_CLASSES, "gains")
     cursor.require(len(gains) > 0, "an order without gains")
     return WeightClasses(first, tuple(gains.tolist()))
-
-
-def _read_channels(cursor: Cursor, k: int) -> tuple[FreeChannel, ...]:
-    expected = [(PlaneClass.COLOR, target) for target in range(k)]
-    expected += [(c, target) for c, targets in TARGETS.items() for target in range(targets)]
-    ends = dict.fromkeys(PlaneClass, 0)
-    channels = []
-    for plane_class, target in expected:
-        number, found, coding, qp, scale, offset = cursor.unpack(CHANNEL)
-        (centre,) = cursor.unpack(CENTRE)
-        name = f"{plane_class.label}{target}"
-        cursor.require((number, found) == (plane_class, target), f"class {number}, channel {found}; expected {name}")
-        cursor.require(coding in (CONSTANT, INTRA), f"coding {coding} is unknown")
-        cursor.require(qp <= MAX_QP, f"QP {qp}, accepted are 0 to {MAX_QP}")
-        finite = all(abs(value) < MAX_DECODED for value in (scale, offset, centre))
-        cursor.require(finite, f"{name}: scale, offset or centre out of range")
-        streams: tuple[StreamRef, ...] = ()
-        if coding == INTRA:
-            length, crc = cursor.unpack(STREAM)
-            streams = (StreamRef(ends[plane_class], length, crc),)
-            ends[plane_class] += length
-        channels.append(FreeChannel(ChannelRecord(plane_class, target, qp, scale, offset, streams), centre))
-    return tuple(channels)
 
 
 def range_fault(scene: FreeScene) -> tuple[str, str] | None:
@@ -308,5 +332,5 @@ def _reach(scene: FreeScene, channel: FreeChannel) -> float:
     record = channel.record
     order = order_of(*record.key)
     gain = max(map(abs, scene.orders[order - 1].gains)) if order else 1.0
-    coded = abs(record.offset) + (MAX_CODE * abs(record.scale) if record.streams else 0.0)
+    coded = abs(record.offset) + (MAX_CODE * abs(record.scale) if record.pictures else 0.0)
     return gain * coded + abs(channel.centre)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..gaussian.notes import OPTIONS
 from ..gaussian.planes import CODING_ORDER, hevc_step
-from .body import Container, Description, Piece
-from .notes import NOTE_NAMES
+from .body import Body, Container
 from .reader import read_container
 from .records import ChannelRecord, Limits
 
@@ -20,12 +20,12 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         is_prefix: accept bytes that end before the file does.
 
     Returns:
-        A JSON-ready object: version, mode, network, photos, notes, refined, antialiased, thinned, profile, qp, views,
+        A JSON-ready object: version, mode, network, photos, notes, refined, antialiased, pruned, profile, qp, views,
         height, width, gaussians, sh_degree, k, bytes, bytes_by_class, bytes_by_view, metadata_bytes, origin, cameras,
-        layers, planes, prefixes, left_out, tiers (Gaussians of each, in mode free; their `layer` elsewhere),
-        viewpoints (cameras of photos, in mode free).
+        layers, planes, prefixes, left_out, tiers (Gaussians of each, in mode list; their `layer` elsewhere),
+        viewpoints (cameras of photos, in mode list).
         In mode photos, what only the network knows (gaussians, sh_degree, k) is None; without photos, network and
-        photos are; in mode free, height and width.
+        photos are; in mode list, height and width.
 
     Raises:
         FormatError: damaged, cut short, foreign, or beyond the limits.
@@ -33,16 +33,18 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     container = read_container(data, limits or Limits.for_describing(), is_prefix=is_prefix)
     camera = container.cameras[0] if container.cameras else None
     own = container.body.describe()
-    by_class, by_view = _bytes(container, own)
+    table, kind = container.table, type(container.body)
+    by_class, by_view = _bytes(container)
+    planes = [(layer, record) for layer in sorted(table.layers) for record in table.layers[layer]]
     return {
         "version": ".".join(map(str, container.version)),
         "mode": container.mode,
         "network": own.network,
         "photos": own.photos,
-        "notes": {name: getattr(container.notes, name) for name in NOTE_NAMES},
+        "notes": {name: getattr(container.notes, name) for name in OPTIONS},
         "refined": container.notes.refined or None,
         "antialiased": bool(container.notes.antialiased),
-        "thinned": container.notes.thinned or None,
+        "pruned": container.notes.pruned or None,
         "profile": container.profile,
         "qp": container.qp,
         "views": len(container.cameras),
@@ -58,10 +60,8 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
         "origin": container.origin.tolist(),
         "cameras": [{"K": c.K.tolist(), "c2w": c.c2w.tolist()} for c in container.cameras],
         "layers": list(own.layers),
-        "planes": [
-            _plane(index, channel) for index, channels in enumerate(container.pictures.channels) for channel in channels
-        ],
-        "prefixes": container.pictures.prefixes(),
+        "planes": [_plane(layer, record) for layer, record in planes if record.plane_class in CODING_ORDER],
+        "prefixes": table.prefixes(kind.step) if kind.step is not Body.step else [],
         "left_out": list(own.left_out),
         "tiers": list(own.tiers),
         "viewpoints": [
@@ -70,24 +70,20 @@ def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool 
     }
 
 
-def _bytes(container: Container, own: Description) -> tuple[dict[str, int], list[int]]:
-    """Bytes by class of pictures or label of pieces, and by view; none of these without cameras."""
+def _bytes(container: Container) -> tuple[dict[str, int], list[int]]:
+    """Bytes by class, and by view; none of these without cameras."""
     by_class, by_view = {plane_class.label: 0 for plane_class in CODING_ORDER}, [0] * len(container.cameras)
-    pictures = [
-        Piece(channel.plane_class.label, view, stream.length)
-        for channels in container.pictures.channels
-        for channel in channels
-        for view, stream in enumerate(channel.streams)
-    ]
-    for piece in (*pictures, *own.pieces):
-        by_class[piece.label] = by_class.get(piece.label, 0) + piece.bytes
-        if by_view and piece.view is not None:
-            by_view[piece.view] += piece.bytes
+    for _, record in container.table.rows:
+        for view, picture in enumerate(record.pictures):
+            label = record.plane_class.label
+            by_class[label] = by_class.get(label, 0) + picture.length
+            if by_view:
+                by_view[view] += picture.length
     return by_class, by_view
 
 
 def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
-    lengths = [stream.length for stream in channel.streams]
+    lengths = [picture.length for picture in channel.pictures]
     entry: dict[str, Any] = {
         "layer": index,
         "name": channel.name,

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import Any, ClassVar
 
-from ..errors import FormatError
-from ..gaussian.planes import PlaneClass
+from numpy.typing import NDArray
+
+from ..gaussian.notes import NO_NOTES, Notes
+from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, PlaneClass
+from ..scene.cameras import Camera
 from . import layout as L
-from .body import Body, Description, Opened, check_totals, picked
+from .body import Body, Description, Opened, check_totals
 from .bounds import check_ranges, decoding_bytes
 from .layers import CodedLayer, LayerHeader, layer_section, read_layer
-from .records import ChannelRecord, PlanePictures
-from .sections import NewSection, Section, require
-from .units import UNIT_KINDS, Units, passes
+from .records import ChannelRecord
+from .sections import NewSection
+from .table import CodedRow
+from .writer import write_container
 
-PLANE_KINDS = frozenset(L.PLANES.values())
+MOST_TOGETHER = 6
+"""Views of which a file is read as a whole: as many as a network takes at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,46 +34,31 @@ class Planes(Body):
     """
 
     mode: ClassVar[str] = "gaussians"
-    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, L.LAYER, L.PARAMETER_SETS}) | PLANE_KINDS | UNIT_KINDS
-    signs: ClassVar[frozenset[bytes]] = frozenset({L.LAYER})
+    sign: ClassVar[bytes] = L.LAYER
+    kinds: ClassVar[frozenset[bytes]] = frozenset({L.CAMERAS, L.LAYER, L.PARAMETER_SETS})
     is_divisible: ClassVar[bool] = True
 
     layers: tuple[LayerHeader, ...]
 
     @classmethod
-    def is_told_by(cls, kinds: Collection[bytes]) -> bool:
-        """What no other body is told by."""
-        return True
-
-    @classmethod
     def read(cls, file: Opened) -> Planes:
-        """Parse and check the sections LAYR and those of plane classes, or UNIT and VIEW."""
+        """Parse and check the sections LAYR."""
         file.check_counts()
-        units = Units.read(file) if file.has(L.UNITS) else None
-        for section in file.sections if units else ():
-            require(section.kind not in PLANE_KINDS, section, "does not belong in a file whose views are units")
+        file.check_rows(CODING_ORDER)
         layers, gaussians, memory = [], 0, 0
         for index in range(file.layer_count):
-            section = file.only(L.LAYER, index)
-            layer = read_layer(section, file.poses, units.layer(index) if units else None)
+            layer, where = read_layer(file, index), file.only(L.LAYER, index).label
             gaussians += layer.gaussians
             memory += decoding_bytes(layer)
-            check_totals(gaussians, memory, file.limits, section.label)
-            check_ranges(layer, file.origin, section.label)
-            if any(channel.streams for channel in layer.channels):
-                file.require_parameter_set(layer.parameter_set, section.label)
+            check_totals(gaussians, memory, file.limits, where)
+            check_ranges(layer, file.origin, where)
             layers.append(layer)
-        channels = [layer.channels for layer in layers]
-        pictures = units.pictures(channels) if units else read_pictures(file.sections, channels)
-        cameras = file.cameras(layers[0].height, layers[0].width)
-        return cls(cameras=cameras, pictures=pictures, layers=tuple(layers))
+        return cls(cameras=file.cameras, layers=tuple(layers))
 
-    def select(self, views: Sequence[int]) -> Planes:
-        """The body as if there were these views alone."""
-        layers = tuple(layer.select(views) for layer in self.layers)
-        channels, numbers = tuple(layer.channels for layer in layers), tuple(map(self.pictures.number, views))
-        pictures = replace(self.pictures, channels=channels, views=numbers)
-        return replace(self, cameras=picked(self.cameras, views), pictures=pictures, layers=layers)
+    @staticmethod
+    def step(layer: int, record: ChannelRecord, number: int) -> Hashable:
+        """Rows of one pass show together."""
+        return pass_of(record.plane_class, number)
 
     def describe(self) -> Description:
         """Gaussians, layers, and what was left out of them."""
@@ -80,64 +71,39 @@ class Planes(Body):
         )
 
 
-def read_pictures(sections: Sequence[Section], channels: Sequence[Sequence[ChannelRecord]]) -> PlanePictures:
-    """The pictures of a file whose layers have such channels.
-
-    Raises:
-        FormatError: sections are missing, out of order, of another length than their pictures, or without any.
-    """
-    found = tuple(section for section in sections if section.kind in PLANE_KINDS)
-    coded = {(c.plane_class, index): c for index, records in enumerate(channels) for c in records if c.streams}
-    for section in found:
-        if not any((L.PLANES[c], index) == (section.kind, section.index % L.PART) for c, index in coded):
-            raise FormatError("holds pictures of no channel", where=section.label)
-    # Records of a class stand in the order of their pictures, so that the last one kept ends where the section does.
-    data = {key: _joined(found, *key, last) for key, last in coded.items()}
-    return PlanePictures(tuple(map(tuple, channels)), data, found)
+def pass_of(plane_class: PlaneClass, number: int) -> int:
+    """The pass that the class's record `number` belongs to; never falls from record to record."""
+    facts = plane_class.facts
+    return facts.passes[0] if number < facts.base else facts.passes[1]
 
 
-def _joined(sections: Sequence[Section], plane_class: PlaneClass, index: int, last: ChannelRecord) -> memoryview:
-    """The pictures of a class, whose sections have the indices layer, layer + PART, layer + 2·PART, … in this order.
-
-    Pictures have a CRC each, checked when they are decoded.
-    """
-    kind = L.PLANES[plane_class]
-    parts = [s for s in sections if s.kind == kind and s.index % L.PART == index]
-    label = f"section {kind.decode('ascii')}[{index}]"
-    if not parts:
-        raise FormatError("missing", where=label)
-    if [s.index // L.PART for s in parts] != list(range(len(parts))):
-        raise FormatError("its parts are not each there once and in order", where=label)
-    stated = sum(s.length for s in parts)
-    end = last.streams[-1].offset + last.streams[-1].length
-    if end != stated:
-        raise FormatError(f"{stated} bytes, its pictures need {end}", where=label)
-    # A prefix ends in at most one section and holds nothing of those behind it, so that what is joined has no gap.
-    return parts[0].data if len(parts) == 1 else memoryview(b"".join(s.data for s in parts))
+def planes_file(
+    layers: Sequence[CodedLayer],
+    cameras: Sequence[Camera],
+    origin: NDArray,
+    profile: str,
+    qp: float,
+    notes: Notes = NO_NOTES,
+) -> bytes:
+    """The file of coded layers, in parts by view where there are many; arguments as of `write_container`."""
+    sections, rows, by_view = _sections(layers, cameras), list(_rows(layers)), len(cameras) > MOST_TOGETHER
+    return write_container(cameras, origin, profile, qp, sections, rows, len(layers), by_view=by_view, notes=notes)
 
 
-def layer_sections(layers: Sequence[CodedLayer], *, as_units: bool) -> list[NewSection]:
-    """The metadata of layers, and their parameter sets; `as_units` for files whose views are."""
-    parameter_sets: list[bytes] = []
-    sections = []
-    for index, layer in enumerate(layers):
-        if layer.parameter_sets not in parameter_sets:
-            parameter_sets.append(layer.parameter_sets)
-        data = layer_section(layer, index, parameter_sets.index(layer.parameter_sets), as_units=as_units)
-        sections.append(NewSection(L.LAYER, index, data))
-    return sections + [NewSection(L.PARAMETER_SETS, index, sets) for index, sets in enumerate(parameter_sets)]
+def _sections(layers: Sequence[CodedLayer], cameras: Sequence[Camera]) -> list[NewSection]:
+    """The metadata of layers, and their parameter sets."""
+    sets = list(dict.fromkeys(layer.parameter_sets for layer in layers))
+    sections = [layer_section(layer, n, sets.index(layer.parameter_sets), cameras) for n, layer in enumerate(layers)]
+    return sections + [NewSection(L.PARAMETER_SETS, index, data) for index, data in enumerate(sets) if data]
 
 
-def plane_sections(layers: Sequence[CodedLayer]) -> list[NewSection]:
-    """Pictures pass by pass; what a later pass adds to a class of a layer is its next part."""
-    sections: list[NewSection] = []
-    parts: dict[tuple[PlaneClass, int], int] = {}
-    for index, plane_class, records in passes(layers):
-        part = parts.setdefault((plane_class, index), 0)
-        streams = [payload for number in records for payload in layers[index].records[number].payloads]
-        sections.append(NewSection(L.PLANES[plane_class], index + part * L.PART, b"".join(streams)))
-        parts[plane_class, index] += 1
-    return sections
+def _rows(layers: Sequence[CodedLayer]) -> Iterator[CodedRow]:
+    """Channels in the order in which a picture gets better from pass to pass."""
+    for number in PASSES:
+        ordered = list(enumerate(layers))[:: -1 if number == BACK_TO_FRONT else 1]
+        for (index, layer), plane_class in product(ordered, CODING_ORDER):
+            of_class = [channel for channel in layer.channels if channel.plane_class == plane_class]
+            yield from ((index, c) for i, c in enumerate(of_class) if pass_of(plane_class, i) == number)
 
 
 def _described(layer: LayerHeader) -> dict[str, Any]:
@@ -172,6 +138,6 @@ def _left_out(index: int, layer: LayerHeader) -> list[dict[str, Any]]:
     entries += [
         {"layer": index, "what": f"plane {channel.name}", "why": "constant", "value": channel.offset}
         for channel in layer.channels
-        if not channel.streams
+        if not channel.pictures
     ]
     return entries

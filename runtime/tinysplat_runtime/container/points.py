@@ -1,81 +1,60 @@
-"""Body `Points`, of mode free: Gaussians that belong to no pixels. `free.py` has its sections."""
+"""Body `Points`, of mode list: Gaussians that belong to no pixels. `free.py` has its sections."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from ..gaussian.planes import PlaneClass
 from ..scene.cameras import Camera
 from . import layout as L
-from .body import Body, Description, Opened, Piece
-from .free import FREE, FREE_POINTS, FREE_TIER, read_free
-from .planes import PLANE_KINDS, read_pictures
-from .records import FreeScene, PlanePictures
-from .sections import Section, require
-from .viewpoints import VIEWPOINTS, read_viewpoints
-
-
-@dataclass(frozen=True)
-class TierPictures(PlanePictures):
-    """The pictures of tiers."""
-
-    def prefixes(self) -> list[dict[str, Any]]:
-        """Where a picture gets better; `layer` is the tier. A tier behind the first shows with its colours at once."""
-        found: list[dict[str, Any]] = []
-        for entry in super().prefixes():
-            is_of_last = bool(found) and found[-1]["layer"] == entry["layer"] > 0
-            if is_of_last and not any(name.startswith("color") for name in found[-1]["adds"]):
-                found[-1] = {**entry, "adds": [*found[-1]["adds"], *entry["adds"]]}
-            else:
-                found.append(entry)
-        return found
+from .body import Body, Description, Opened
+from .free import CLASSES, LIST, TIER, FreeScene, read_list
+from .records import ChannelRecord
+from .sections import require
 
 
 @dataclass(frozen=True, kw_only=True)
 class Points(Body):
-    """One scene without cameras of pixels; the pictures of its tiers lie as those of layers do."""
+    """One scene without cameras of pixels, in tiers.
 
-    mode: ClassVar[str] = "free"
-    kinds: ClassVar[frozenset[bytes]] = (
-        frozenset({FREE, FREE_TIER, FREE_POINTS, VIEWPOINTS, L.PARAMETER_SETS}) | PLANE_KINDS
-    )
-    signs: ClassVar[frozenset[bytes]] = frozenset({FREE})
+    Attributes:
+        scene: metadata.
+        viewpoints: cameras of the photos that the Gaussians were made from, as far as they are known.
+    """
+
+    mode: ClassVar[str] = "list"
+    sign: ClassVar[bytes] = LIST
+    kinds: ClassVar[frozenset[bytes]] = frozenset({LIST, TIER, L.CAMERAS, L.PARAMETER_SETS})
 
     scene: FreeScene
-    points: tuple[Section, ...]
     viewpoints: tuple[Camera, ...] = ()
 
     @classmethod
     def read(cls, file: Opened) -> Points:
-        """Parse and check the sections FREE, TIER, FREP and SEEN."""
-        counts = f"{file.views} views and {file.layer_count} layers of a list"
-        require(file.views == file.layer_count == 0, file.scene, counts)
-        scene = read_free(file.sections, file.limits)
-        channels = [tuple(channel.record for channel in tier.channels) for tier in scene.tiers]
-        for number, records in enumerate(channels):
-            if any(record.streams for record in records):
-                file.only(L.PARAMETER_SETS, number)
-        points = tuple(section for section in file.sections if section.kind == FREE_POINTS)
-        found = read_pictures(file.sections, channels)
-        pictures = TierPictures(found.channels, found.data, found.sections)
-        seen = read_viewpoints(file.sections, file.origin)
-        return cls(pictures=pictures, scene=scene, points=points, viewpoints=seen)
+        """Parse and check the sections LIST, TIER and CAMS."""
+        most = file.limits.max_layers
+        require(1 <= file.layer_count <= most, file.scene, f"{file.layer_count} tiers, accepted are 1 to {most}")
+        require(file.views <= L.MAX_VIEWS, file.scene, f"{file.views} cameras, accepted are 0 to {L.MAX_VIEWS}")
+        require(file.table.count == 1 and not file.table.parts, file.scene, "rows of a list with several pictures")
+        file.check_rows(CLASSES)
+        return cls(scene=read_list(file), viewpoints=file.cameras_of(range(file.views)))
 
     def describe(self) -> Description:
-        """Gaussians, and bytes of their positions."""
+        """Gaussians, tiers, and cameras of photos."""
         scene = self.scene
-        lengths = (stream.length for stream in self.points)
-        pieces = tuple(Piece("position", None, length) for length in lengths)
         tiers = tuple(tier.count for tier in scene.tiers)
-        return Description(
-            gaussians=scene.count,
-            sh_degree=scene.degree,
-            k=scene.basis.shape[1],
-            pieces=pieces,
-            tiers=tiers,
-            viewpoints=self.viewpoints,
-        )
+        found = scene.count, scene.degree, scene.basis.shape[1]
+        return Description(*found, tiers=tiers, viewpoints=self.viewpoints)
 
-    def picture_name(self, layer: int, channel: int, view: int) -> str:
+    @staticmethod
+    def step(layer: int, record: ChannelRecord, number: int) -> Hashable:
+        """Shapes, colours and rotations; a tier behind the first shows with its colours at once."""
+        if record.plane_class == PlaneClass.ROTATION:
+            return 2
+        return int(layer == 0 and record.plane_class == PlaneClass.COLOR)
+
+    def picture_name(self, layer: int, channel: ChannelRecord, view: int) -> str:
         """There is one of each in a tier: `color2`, `tier 1 color2`."""
-        return f"tier {layer} " * (layer > 0) + self.pictures.channels[layer][channel].name
+        return f"tier {layer} " * (layer > 0) + channel.name

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import index
 
 import numpy as np
@@ -18,12 +18,13 @@ from ..scene.cameras import MAX_POSITION, Camera
 from . import layout as L
 from .bodies import body_kind, known_kinds
 from .body import Container, Opened
-from .notes import MINOR, read_notes
+from .cameras import cameras_of, read_numbers
+from .notes import NOTES, read_notes
 from .records import Limits
 from .sections import Cursor, Section, only, read_table, require
-from .units import READ_LATER, check_units, readable_views
+from .table import Rows, read_pictures
 
-_SHARED = frozenset({L.SCENE, *MINOR})
+_SHARED = frozenset({L.SCENE, NOTES, L.PICTURES, L.DATA})
 """Sections that a file of any mode may have."""
 
 
@@ -34,7 +35,7 @@ def read_container(
     is_prefix: bool = False,
     is_damaged: bool = False,
     views: Sequence[int] | None = None,
-    units: Mapping[int, bytes | memoryview] | None = None,
+    fetched: Mapping[int, bytes | memoryview] | None = None,
 ) -> Container:
     """Parse and check a file.
 
@@ -42,20 +43,18 @@ def read_container(
         data: the whole file, or its first bytes.
         limits: what to accept.
         is_prefix: accept `data` that ends before the file does, as long as it holds the metadata.
-        is_damaged: leave out views whose own metadata are cut off or damaged.
+        is_damaged: leave out views whose own table of pictures is cut off or damaged.
         views: which views of the file to read, in this order, where it has views that can be read one without another
             (`Body.is_divisible`); None for all.
-        units: sections VIEW by view, for `data` that holds the metadata alone.
+        fetched: the parts of DATA by view, for `data` that holds the metadata alone.
 
     Raises:
         FormatError: damaged, cut short, foreign, of an unknown version, or beyond the limits.
         InputError: `views` are not different views of the file.
     """
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
-    known = _SHARED | known_kinds()
-    version, total, sections = read_table(view, known, READ_LATER, is_prefix=is_prefix or units is not None)
-    if units is not None:
-        sections = [_with_unit(section, units) if section.kind == L.VIEW else section for section in sections]
+    is_cut = is_prefix or fetched is not None
+    version, total, sections = read_table(view, _SHARED | known_kinds(), is_prefix=is_cut)
     scene = only(sections, L.SCENE)
     cursor = Cursor(scene)
     view_count, layer_count, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
@@ -63,43 +62,33 @@ def read_container(
     require(math.isfinite(qp), scene, "Q_g is not finite")
     require(all(abs(x) <= MAX_POSITION for x in origin), scene, f"origin {origin}, at most {MAX_POSITION:g} accepted")
     kind = body_kind({section.kind for section in sections})
+    found = {(section.kind, section.index) for section in sections}
+    require(len(found) == len(sections), scene, "a section stands twice in the file")
     for section in sections:
         require(section.kind in _SHARED | kind.kinds, section, f"does not belong in a file of mode {kind.mode}")
-    all_views = tuple(range(view_count))
-    wanted = all_views if views is None or not kind.is_divisible else check_views(views, view_count)
-    opened = Opened(scene, sections, view_count, all_views, layer_count, np.array(origin), limits or Limits())
-    absent: tuple[int, ...] = ()
-    if opened.has(L.UNITS):
-        opened.check_counts()
-        if is_prefix or is_damaged:
-            absent = tuple(sorted(set(wanted).difference(readable_views(opened, wanted, is_damaged=is_damaged))))
-        opened = replace(opened, wanted=tuple(view for view in wanted if view not in absent))
-        body = kind.read(opened)
-    else:
-        body = kind.read(opened)
-        body = body if wanted == all_views else body.select(wanted)
-    return Container(
-        version,
-        _ascii(profile, scene),
-        qp,
-        opened.origin,
-        body,
-        opened.parameter_sets,
-        read_notes(sections),
-        total,
-        tuple(view for view in wanted if view not in absent),
-        absent,
+        most = layer_count if section.kind in L.BY_LAYER else L.MAX_SETS if section.kind == L.PARAMETER_SETS else 1
+        require(section.index < most, section, f"index {section.index}, accepted are {most} from 0")
+    wanted = check_views(views, view_count) if views is not None and kind.is_divisible else None
+    pict, pictures = only(sections, L.PICTURES), only(sections, L.DATA)
+    table = read_pictures(
+        pict, pictures, wanted, is_prefix=is_prefix or is_damaged, is_damaged=is_damaged, fetched=fetched
     )
+    opened = Opened(scene, sections, view_count, layer_count, table, np.array(origin), limits or Limits())
+    body = kind.read(opened)
+    absent = set(range(table.count) if wanted is None else wanted).difference(table.views)
+    notes, name = read_notes(sections), _ascii(profile, scene)
+    sets = opened.parameter_sets
+    return Container(version, name, qp, opened.origin, body, table, sets, notes, total, tuple(sorted(absent)))
 
 
 @dataclass(frozen=True)
 class Outline:
-    """What a file whose views are units says of them all, before any is read.
+    """What a file in parts by view says of all views, before any is read.
 
     Attributes:
         cameras: one per view, of layer 0's size.
         depth_limits: least and largest z of layer 0.
-        ranges: (first byte, length) of each view's section.
+        ranges: (first byte, length) of each view's part; none of a file that is in one.
     """
 
     cameras: tuple[Camera, ...]
@@ -107,19 +96,18 @@ class Outline:
     ranges: tuple[tuple[int, int], ...]
 
 
-def read_outline(metadata: bytes | memoryview, limits: Limits | None = None) -> Outline:
-    """Parse and check the metadata of a file whose views are units; FormatError as `read_container`."""
-    view = memoryview(metadata)
-    _, _, sections = read_table(view, _SHARED | known_kinds(), READ_LATER, is_prefix=True)
-    view_count, layer_count, _, *origin, _ = Cursor(only(sections, L.SCENE)).unpack(L.SCENE_FIXED)
-    views = tuple(range(view_count))
-    opened = Opened(
-        only(sections, L.SCENE), sections, view_count, views, layer_count, np.array(origin), limits or Limits()
-    )
-    opened.check_counts()
-    height, width, *_, z_min, z_max, _, _ = Cursor(opened.only(L.LAYER)).unpack(L.LAYER_FIXED)
-    ranges = tuple((s.end - s.length, s.length) for s in check_units(opened))
-    return Outline(opened.cameras(height, width), (z_min, z_max), ranges)
+def read_outline(metadata: bytes | memoryview) -> Outline | None:
+    """Parse and check the metadata of a file in parts by view, None of another; FormatError as `read_container`."""
+    _, end, sections = read_table(memoryview(metadata), _SHARED | known_kinds(), is_prefix=True)
+    rows, data = Rows.read(only(sections, L.PICTURES)), only(sections, L.DATA)
+    if not rows.by_view:
+        return None
+    count, scene = Cursor(only(sections, L.SCENE)).unpack(L.SCENE_FIXED)[0], only(sections, L.SCENE)
+    require(count == rows.views, scene, f"{count} views, the table of pictures has {rows.views}")
+    section = only(sections, L.CAMERAS)
+    cameras = cameras_of(section, read_numbers(section, count), range(count))
+    *_, z_min, z_max, _, _ = Cursor(only(sections, L.LAYER)).unpack(L.LAYER_FIXED)
+    return Outline(cameras, (z_min, z_max), rows.ranges(end - data.length))
 
 
 def check_views(views: Sequence[int], count: int) -> tuple[int, ...]:
@@ -131,13 +119,6 @@ def check_views(views: Sequence[int], count: int) -> tuple[int, ...]:
     if not chosen or len(set(chosen)) < len(chosen) or not all(0 <= view < count for view in chosen):
         raise InputError(f"{list(chosen)}, expected different views of 0 to {count - 1}", where="views")
     return chosen
-
-
-def _with_unit(section: Section, units: Mapping[int, bytes | memoryview]) -> Section:
-    data = memoryview(units.get(section.index, b""))
-    if section.index in units and len(data) != section.length:
-        raise FormatError(f"needs {section.length} bytes, {len(data)} are given", where=section.label)
-    return replace(section, data=data)
 
 
 def _ascii(raw: bytes, section: Section) -> str:

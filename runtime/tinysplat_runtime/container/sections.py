@@ -19,14 +19,12 @@ class NewSection:
     """A section to be written.
 
     Attributes:
-        minor: the first version of the format that has it.
         is_required: a reader that does not know it must refuse the file.
     """
 
     kind: bytes
     index: int
     data: bytes
-    minor: int = L.MINOR
     is_required: bool = True
 
 
@@ -100,9 +98,11 @@ def table_end(view: memoryview) -> int:
     return L.HEADER.size + count * L.TABLE_ROW.size
 
 
-def section_ranges(view: memoryview) -> list[tuple[bytes, int, int]]:
-    """(type, first byte, length) of every section, of bytes that hold header and table; FormatError where damaged."""
-    return [(kind, end - length, length) for kind, _, _, length, _, end in _rows(view)]
+def metadata_range(view: memoryview) -> tuple[int, int]:
+    """Where metadata and file end, of bytes that hold header and table; FormatError where these are damaged."""
+    rows = list(_rows(view))
+    end = rows[-1][-1] if rows else table_end(view)
+    return (end - rows[-1][3] if rows and rows[-1][0] == L.DATA else end), end
 
 
 def _rows(view: memoryview) -> Iterator[tuple[bytes, int, int, int, int, int]]:
@@ -120,37 +120,39 @@ def _rows(view: memoryview) -> Iterator[tuple[bytes, int, int, int, int, int]]:
 
 
 def read_table(
-    view: memoryview, known: Collection[bytes], planes: Collection[bytes], *, is_prefix: bool
+    view: memoryview, known: Collection[bytes], *, is_prefix: bool
 ) -> tuple[tuple[int, int], int, list[Section]]:
     """Parse and check header and table.
 
     Args:
         view: the file, or its first bytes.
         known: section types to return; others are skipped, or refused where they are required.
-        planes: those of them that a prefix may lack.
-        is_prefix: accept a file that ends before its table says.
+        is_prefix: accept a file that ends before its table says, in its last section, DATA.
 
     Returns:
-        Version, bytes of the whole file, and the known sections, the CRC of each checked but of `planes`.
+        Version, bytes of the whole file, and the known sections, the CRC of each checked but of DATA.
     """
-    sections, end = [], table_end(view)
-    for kind, flags, index, length, crc, end in _rows(view):
-        section = Section(kind, index, length, crc, end, view[end - length : end])
+    sections, end, last = [], table_end(view), b""
+    for last, flags, index, length, crc, end in _rows(view):
+        section = Section(last, index, length, crc, end, view[end - length : end])
         if len(section.data) != length and not is_prefix:
             raise FormatError(f"needs {length} bytes, {len(section.data)} remain: cut short", where=section.label)
-        if kind in known:
+        if last in known:
             sections.append(section)
         elif flags & L.REQUIRED:
             raise FormatError("unknown and required; a newer reader is needed", where=section.label)
     if end < len(view):
         raise FormatError(f"{len(view) - end} bytes behind the last section", where="file")
-    metadata_end = max((s.end for s in sections if s.kind not in planes), default=0)
+    if last != L.DATA:
+        raise FormatError("expected as the last section", where="section DATA[0]")
+    metadata = [section for section in sections if section.kind != L.DATA]
+    metadata_end = end - sections[-1].length
     if metadata_end > len(view):
         raise FormatError(
             f"the first {len(view)} bytes hold no picture; the metadata alone takes {metadata_end}", where="file"
         )
-    for section in sections:
-        if section.kind not in planes and crc32(section.data) != section.crc:
+    for section in metadata:
+        if crc32(section.data) != section.crc:
             raise FormatError("CRC differs: the bytes were altered", where=section.label)
     _, major, minor, *_ = L.HEADER.unpack(view[: L.HEADER.size])
     return (major, minor), end, sections

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from ..errors import InputError
 from ..system.printable import type_of, unprinted
 
-MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3, "thinned": 128}
+MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3, "pruned": 128}
 """Longest text of a field in UTF-8."""
 
 OPTIONS = ("unit", "attribution", "licence")
@@ -32,7 +32,7 @@ class Notes:
         refined: how the Gaussians were corrected after a network made them; `refine` says it, not the maker.
         antialiased: `yes` of Gaussians that were trained to fade where they are widened (Mip-Splatting); carried from
             file to file, and not acted on here.
-        thinned: how many Gaussians were left out because pictures hardly need them, and the dB of pictures without.
+        pruned: how many Gaussians were left out because pictures hardly need them, and the dB of pictures without.
 
     Raises:
         InputError: names the field: too long, or with characters that do not print.
@@ -43,7 +43,7 @@ class Notes:
     licence: str = ""
     refined: str = ""
     antialiased: str = ""
-    thinned: str = ""
+    pruned: str = ""
 
     def __post_init__(self) -> None:
         for name, text in asdict(self).items():
@@ -89,7 +89,7 @@ class Notes:
             licence=" AND ".join(licences),
             refined=common("refined"),
             antialiased=common("antialiased"),
-            thinned=common("thinned"),
+            pruned=common("pruned"),
         )
 
 

@@ -18,7 +18,9 @@ MAX_DECODED = 1e30
 
 
 class PlaneClass(IntEnum):
-    """Class of a plane; the number is the one in the file, by which records and their planes are ordered."""
+    """Class of a plane, or of what else a file's table of pictures lists; the number is the one in the file, by which
+    records and their planes are ordered.
+    """
 
     DEPTH = 0
     COLOR = 1
@@ -26,6 +28,9 @@ class PlaneClass(IntEnum):
     SCALE = 3
     ROTATION = 4
     OFFSET = 5
+    POSITION = 6
+    EXACT = 7
+    PHOTO = 8
 
     @property
     def label(self) -> str:
@@ -34,7 +39,7 @@ class PlaneClass(IntEnum):
 
     @property
     def facts(self) -> ClassFacts:
-        """What is to be known of the class."""
+        """What is to be known of a class of planes, which the last three are not."""
         return PLANE_CLASSES[self]
 
 
@@ -43,7 +48,6 @@ class ClassFacts:
     """What is to be known of a plane class. Units are those of its planes (docs/CONVENTIONS.md, "Planes").
 
     Attributes:
-        section: type of the sections that hold its pictures.
         geometry: its channels of the geometry tensor (V, 11, H, W), first and behind the last; None for colour, whose
             channels are components of the SH coefficients.
         base, passes: the writer goes through all layers once per pass; the class's first `base` records stand in the
@@ -56,7 +60,6 @@ class ClassFacts:
             the scene.
     """
 
-    section: bytes
     geometry: tuple[int, int] | None
     base: int
     passes: tuple[int, int]
@@ -69,27 +72,27 @@ class ClassFacts:
 
 PLANE_CLASSES: Mapping[PlaneClass, ClassFacts] = {
     PlaneClass.DEPTH: ClassFacts(
-        section=b"DEPT", geometry=(0, 1), base=1, passes=(0, 2), flat=1e-7, largest=MAX_DECODED,
+        geometry=(0, 1), base=1, passes=(0, 2), flat=1e-7, largest=MAX_DECODED,
         alpha=2048, class_qp=-4, sensitivity=None,
     ),
     PlaneClass.COLOR: ClassFacts(
-        section=b"COLO", geometry=None, base=3, passes=(0, 3), flat=1e-5, largest=MAX_DECODED,
+        geometry=None, base=3, passes=(0, 3), flat=1e-5, largest=MAX_DECODED,
         alpha=1024, class_qp=3, sensitivity=0.035,
     ),
     PlaneClass.OPACITY: ClassFacts(
-        section=b"OPAC", geometry=(10, 11), base=1, passes=(1, 1), flat=1e-5, largest=MAX_DECODED,
+        geometry=(10, 11), base=1, passes=(1, 1), flat=1e-5, largest=MAX_DECODED,
         alpha=256, class_qp=0, sensitivity=4.5e-3,
     ),
     PlaneClass.SCALE: ClassFacts(
-        section=b"SCAL", geometry=(3, 6), base=3, passes=(1, 1), flat=1e-4, largest=MAX_DECODED,
+        geometry=(3, 6), base=3, passes=(1, 1), flat=1e-4, largest=MAX_DECODED,
         alpha=256, class_qp=0, sensitivity=9e-4,
     ),
     PlaneClass.ROTATION: ClassFacts(
-        section=b"ROTA", geometry=(6, 10), base=4, passes=(2, 2), flat=1e-5, largest=1e15,  # squares are summed
+        geometry=(6, 10), base=4, passes=(2, 2), flat=1e-5, largest=1e15,  # squares are summed
         alpha=256, class_qp=9, sensitivity=1.8e-4,
     ),
     PlaneClass.OFFSET: ClassFacts(
-        section=b"OFFS", geometry=(1, 3), base=2, passes=(2, 2), flat=1e-4, largest=MAX_DECODED,
+        geometry=(1, 3), base=2, passes=(2, 2), flat=1e-4, largest=MAX_DECODED,
         alpha=256, class_qp=12, sensitivity=2e-3,
     ),
 }  # fmt: skip

@@ -4,6 +4,7 @@ const HEADS = [1 << 15, 1 << 20]; // bytes that are asked for first, and then if
 const MOST_BYTES = 1 << 30; // that are fetched
 const SECTIONS = { // what classes of bytes are called
   depth: "distances", color: "colours", opacity: "transparency", scale: "sizes", rotation: "directions", offset: "fine positions",
+  position: "positions", exact: "exact planes", photo: "photos",
 };
 
 // Bytes at hand as chunks that end where a picture gets better; waits before each until `isFree()` resolves.
@@ -27,7 +28,7 @@ export async function captureIn({ read }, inspect, few) {
   for (const length of HEADS) {
     try {
       const about = inspect(await read(0, length));
-      return about.cameras.length > few && about.sections.some(({ name }) => name.startsWith("VIEW")) ? about : undefined;
+      return about.cameras.length > few && about.parts.length > 0 ? about : undefined;
     } catch (error) {
       if (error.name !== "TsplatError") throw error; // what is wrong is said by who reads the whole
     }
@@ -83,18 +84,15 @@ export async function* fetched(from, signal, told) {
 }
 
 // Bytes by what they are for: [words, bytes], of those that are there.
-export function bytesByUse({ sections, channels, bytes }) {
+export function bytesByUse({ parts, channels, bytes }) {
   const uses = new Map();
   for (const { name, bytes: streams } of channels.flat()) {
     const use = SECTIONS[name.replace(/\d+$/, "")] ?? name;
     uses.set(use, (uses.get(use) ?? 0) + streams.reduce((sum, n) => sum + n, 0));
   }
-  const sum = (name) => sections.filter((section) => section.name.startsWith(name)).reduce((total, section) => total + section.bytes, 0);
-  const rest = sum("VIEW") - [...uses.values()].reduce((total, n) => total + n, 0);
-  if (!uses.size && rest > 0) uses.set("views", rest); // of which nothing else is known yet
-  const photos = sum("PHOT");
-  if (photos) uses.set("photos", photos);
-  uses.set("description", bytes - [...uses.values()].reduce((sum, n) => sum + n, 0));
+  const known = () => [...uses.values()].reduce((sum, n) => sum + n, 0);
+  if (!known()) uses.set("views", parts.reduce((sum, part) => sum + part.length, 0)); // of which nothing else is known yet
+  uses.set("description", bytes - known());
   return [...uses].filter(([, n]) => n > 0);
 }
 

@@ -41,7 +41,7 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
     else:
         wanted = amount.count if amount.count is not None else round((1 - (amount.share or 0)) * gaussians.count)
         found = remover.thin_to(max(min(wanted, shown.count), 1))
-    notes = replace(gaussians.notes, thinned=found.text or gaussians.notes.thinned)
+    notes = replace(gaussians.notes, pruned=found.text or gaussians.notes.pruned)
     return replace(found, gaussians=found.gaussians.with_notes(notes))
 
 

@@ -75,7 +75,7 @@ class ThinningEncoder(Coder):
             thinned, penalties = self.thinned(qp)
             tiers = tiers_of(self._remover, thinned)
         self._stats.left_out, self._stats.left_out_psnr = thinned.left_out, thinned.psnr
-        kept = thinned.gaussians.with_notes(replace(self._notes, thinned=thinned.text))
+        kept = thinned.gaussians.with_notes(replace(self._notes, pruned=thinned.text))
 
         def recolour(decoded: Gaussians) -> NDArray:
             return self._remover.recoloured(decoded, penalties).sh

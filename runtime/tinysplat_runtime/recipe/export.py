@@ -165,7 +165,7 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     """
     from .stages import code
 
-    keep_all = request.keep_all or request.prune is not None or bool(gaussians.notes.thinned)
+    keep_all = request.keep_all or request.prune is not None or bool(gaussians.notes.pruned)
     if source is None:
         return code(gaussians, Coding(), tools, keep_all=keep_all)
     data = read_limited(source, MAX_FILE_BYTES)

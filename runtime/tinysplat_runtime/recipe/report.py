@@ -27,7 +27,7 @@ def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
         "seconds": watch.seconds,
         "peak_rss_bytes": peak_rss_bytes(),
         "left_out": described["left_out"],
-        "thinned": described["thinned"],
+        "thinned": described["pruned"],
     }
 
 

@@ -139,7 +139,7 @@ def _thinning(job: Job) -> Coder:
     """What leaves Gaussians out; without numba, or where nobody knows what people see of them, what keeps all and a
     warning that says so.
     """
-    from ..codec.modes.free import encoder
+    from ..codec.modes.list import encoder
 
     try:
         from ..codec.free.encoder import visible

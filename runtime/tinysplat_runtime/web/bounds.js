@@ -3,7 +3,7 @@
  * arithmetic over codes from 0 to 4095 shows that nothing leaves float32, before any decoding.
  */
 import { require } from "./errors.js";
-import { CLASS_NAMES, COLOR, OFFSET, ROTATION, SCALE } from "./layers.js";
+import { CLASS_NAMES, COLOR, OFFSET, ROTATION, SCALE } from "./table.js";
 
 /** @typedef {import("./layers.js").Layer} Layer */
 

@@ -2,9 +2,10 @@
 
 /** @typedef {import("./cursor.js").Cursor} Cursor */
 
-export const MAX_POSITION = 1e15;
-export const MIN_FOCAL = 1e-6;
-export const MAX_INTRINSIC = 1e9;
+export const MAX_SIDE = 1 << 16;
+const MAX_POSITION = 1e15;
+const MIN_FOCAL = 1e-6;
+const MAX_INTRINSIC = 1e9;
 const ROTATION_TOLERANCE = 1e-3;
 const POLAR_STEPS = 5;
 
@@ -23,12 +24,68 @@ const POLAR_STEPS = 5;
  */
 
 /**
+ * Numbers by view, column by column, of which nothing is known yet: FORMAT.md, "Columns".
+ *
+ * @param {Cursor} cursor
+ * @param {number} views
+ * @param {number} columns
+ * @returns {(view: number) => number[]} a view's numbers
+ */
+export function readColumns(cursor, views, columns) {
+  const read = Array.from({ length: columns }, () => {
+    const form = cursor.u8();
+    cursor.require(form <= 3, `a column stored as ${form}, known are 0 to 3`);
+    return cursor.numbers(form & 2 ? "f32" : "f64", form & 1 ? views : 1);
+  });
+  return (view) => read.map((numbers) => (numbers.length === 1 ? numbers[0] : numbers[view]));
+}
+
+/**
+ * The cameras of the section.
+ *
+ * @param {Cursor} cursor
+ * @param {number} count
+ * @returns {Camera[]}
+ */
+export function readCameras(cursor, count) {
+  const numbersOf = readColumns(cursor, count, 19);
+  cursor.finish();
+  return Array.from({ length: count }, (_, view) => {
+    const numbers = numbersOf(view);
+    const [width, height] = numbers.slice(5, 7);
+    const isSize = [width, height].every((side) => Number.isInteger(side) && side >= 1 && side <= MAX_SIDE);
+    cursor.require(isSize, `view ${view}: a picture of ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
+    return { ...intrinsicsOf(cursor, numbers), c2w: poseOf(cursor, numbers.slice(7)), width, height };
+  });
+}
+
+/**
+ * The cameras of a layer's grid, which follow where it has `own` intrinsics, and else are the file's, scaled.
+ *
+ * @param {Cursor} cursor
+ * @param {{ cameras: Camera[], views: number[], viewCount: number }} file
+ * @param {number} height
+ * @param {number} width
+ * @param {boolean} isOwn
+ * @returns {Camera[]}
+ */
+export function layerCameras(cursor, { cameras, views, viewCount }, height, width, isOwn) {
+  const own = isOwn ? readColumns(cursor, viewCount, 5) : undefined;
+  return cameras.map((camera, i) => {
+    const [across, down] = [width / camera.width, height / camera.height];
+    const { fx, fy, cx, cy, skew } = camera;
+    const numbers = own?.(views[i]) ?? [fx * across, fy * down, cx * across, cy * down, skew * across];
+    return { ...intrinsicsOf(cursor, numbers), c2w: camera.c2w, width, height };
+  });
+}
+
+/**
  * fx, fy, cx, cy and skew, checked.
  *
  * @param {Cursor} cursor
+ * @param {number[]} numbers
  */
-export function readIntrinsics(cursor) {
-  const [fx, fy, cx, cy, skew] = cursor.numbers("f64", 5);
+function intrinsicsOf(cursor, [fx, fy, cx, cy, skew]) {
   cursor.require(fx >= MIN_FOCAL && fy >= MIN_FOCAL, `focal lengths ${fx} and ${fy}, at least ${MIN_FOCAL}`);
   const largest = Math.max(fx, fy, Math.abs(cx), Math.abs(cy), Math.abs(skew));
   cursor.require(largest <= MAX_INTRINSIC, `an intrinsic number of ${largest}, at most ${MAX_INTRINSIC}`);
@@ -39,10 +96,11 @@ export function readIntrinsics(cursor) {
  * c2w, checked.
  *
  * @param {Cursor} cursor
+ * @param {number[]} numbers its upper three rows
  */
-export function readPose(cursor) {
+function poseOf(cursor, numbers) {
   const c2w = new Float64Array(16);
-  c2w.set(cursor.numbers("f64", 12));
+  c2w.set(numbers);
   c2w[15] = 1;
   cursor.require(c2w.every(Number.isFinite), "a camera's pose is not finite");
   const far = Math.max(Math.abs(c2w[3]), Math.abs(c2w[7]), Math.abs(c2w[11]));

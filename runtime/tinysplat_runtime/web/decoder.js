@@ -1,17 +1,16 @@
 /** Files to Gaussians: which pictures are at hand, and what each mode does with them. */
 import { crew } from "./crew.js";
-import { checkCrc, held } from "./container.js";
 import { crc32 } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
-import { decodeFree, listShape, tiersShown } from "./free.js";
-import { channelName } from "./layers.js";
 import { checkPrediction, codedSide, joinGroups, photoPixels } from "./photos.js";
 import { Synthesis, hidingRecord, newArrays, standInCode } from "./synthesis.js";
+import { channelName, checkCrc, held } from "./table.js";
+import { decodeList, listShape, tiersShown } from "./tiers.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
 /** @typedef {import("./container.js").Container} Container */
-/** @typedef {import("./layers.js").Channel} Channel */
+/** @typedef {import("./table.js").Channel} Channel */
 /** @typedef {import("./photos.js").Prediction} Prediction */
 /** @typedef {import("./synthesis.js").Arrays} Arrays */
 
@@ -50,7 +49,7 @@ export class Pictures {
     this.recovers = recovers;
     this.known = known;
     /** Names of the pictures that are not at hand. @type {string[]} */
-    this.missing = [...file.lost];
+    this.missing = [...file.table.lost];
     /** Called with every picture that is decoded. @type {((name: string) => void) | undefined} */
     this.tell = undefined;
   }
@@ -58,7 +57,7 @@ export class Pictures {
   /**
    * A picture's bytes, their CRC checked; undefined where they are not at hand.
    *
-   * @param {import("./layers.js").Stream} stream
+   * @param {import("./table.js").Stream} stream
    * @param {string} name
    */
   checked(stream, name) {
@@ -78,7 +77,7 @@ export class Pictures {
   /**
    * Whether a channel's only picture is absent.
    *
-   * @param {Channel} channel
+   * @param {Pick<Channel, "isCoded" | "streams">} channel
    */
   lacks({ isCoded, streams }) {
     if (!isCoded) return false;
@@ -89,21 +88,18 @@ export class Pictures {
   /**
    * Codes of a picture of a plane; undefined where it is absent.
    *
-   * @param {number} layer
-   * @param {number} record
-   * @param {number} view
+   * @param {string} name
+   * @param {import("./table.js").Stream} stream
    * @param {{ height: number, width: number }} size
    * @param {number} set
    * @returns {Promise<Uint16Array | undefined>}
    */
-  async plane(layer, record, view, { height, width }, set) {
-    const { file } = this;
-    const channel = (file.free ? file.free.tiers : file.layers)[layer].channels[record];
-    const name = file.free ? tierName(layer, channel) : `layer ${layer} ${channelName(channel)} view ${file.views[view]}`;
+  async plane(name, stream, { height, width }, set) {
     const before = this.known?.get(name);
     if (before) return before;
-    const data = this.checked(channel.streams[view], name);
+    const data = this.checked(stream, name);
     if (!data) return undefined;
+    const { file } = this;
     const [planes] = await crew.run(
       {
         sets: /** @type {Uint8Array} */ (file.sets.get(set)), data, width, height,
@@ -151,7 +147,7 @@ export class Pictures {
  */
 export async function decodeFile(pictures, network, pause) {
   const { file } = pictures;
-  if (file.mode === "free") return decodePoints(pictures);
+  if (file.mode === "list") return decodeTiers(pictures);
   if (file.mode === "lossless") return decodeLossless(file, pause);
   if (file.mode === "gaussians") {
     requireDepth(pictures);
@@ -166,22 +162,27 @@ function tierName(tier, channel) {
 }
 
 /** @param {Pictures} pictures @returns {Promise<Decoded>} */
-async function decodePoints(pictures) {
-  const { file } = pictures;
-  const { free } = file;
-  if (!free) throw new TsplatError("no points", "file");
-  const tiers = tiersShown(free, (tier, index) => pictures.lacks(free.tiers[tier].channels[index]));
-  free.tiers.forEach(({ channels }, tier) => {
-    if (tier < tiers.shown.length) return;
-    for (const channel of channels) if (channel.isCoded) pictures.checked(channel.streams[0], tierName(tier, channel));
-  });
-  const { degree } = free;
-  const { count } = tiers;
+async function decodeTiers(pictures) {
+  const { list, origin, places } = pictures.file;
+  if (!list) throw new TsplatError("no list", "file");
+  const tiers = tiersShown(list, (channel) => pictures.lacks(channel));
+  const { degree } = list;
+  const { count, shown } = tiers;
+  for (const channel of pictures.file.table.rows) {
+    if (channel.layer >= shown.length && channel.isCoded) pictures.checked(channel.streams[0], tierName(channel.layer, channel));
+  }
   const out = newArrays(count, degree);
-  const shapes = free.tiers.map((tier) => listShape(tier.count));
-  await decodeFree(free, tiers, (tier, index) => pictures.plane(tier, index, 0, shapes[tier], tier), out);
+  const shapes = shown.map((tier) => listShape(tier.count));
+  /** @param {number} tier */
+  const positions = (tier) => {
+    const stream = shown[tier].positions;
+    checkCrc(stream.data, stream, "positions");
+    return stream.data;
+  };
+  await decodeList(list, tiers, positions, (tier, channel) =>
+    pictures.plane(tierName(tier, channel), channel.streams[0], shapes[tier], shown[tier].set), out);
   const layer = { views: 0, height: 0, width: 0, count, offset: 0, degree, cameras: [] };
-  return { ...out, origin: file.origin, cameras: [], viewpoints: file.viewpoints, layers: [layer], missing: pictures.missing };
+  return { ...out, origin, cameras: [], viewpoints: places, layers: [layer], missing: pictures.missing };
 }
 
 /**
@@ -240,7 +241,8 @@ async function decodeLayers(pictures) {
       const codes = await Promise.all(
         layer.channels.map(async (channel, record) => {
           if (!channel.isCoded) return undefined;
-          return (await pictures.plane(index, record, view, layer, layer.set)) ?? standInCode(layer, record);
+          const name = `layer ${index} ${channelName(channel)} view ${file.views[view]}`;
+          return (await pictures.plane(name, channel.streams[view], layer, layer.set)) ?? standInCode(layer, record);
         }),
       );
       synthesis.run(view, codes);
@@ -259,19 +261,19 @@ async function decodeLayers(pictures) {
  */
 async function predicted(pictures, network) {
   const { file } = pictures;
-  if (!file.network || !file.photos) throw new TsplatError("no photos", "file");
-  if (!network) throw new TsplatError(`needs the network ${file.network.name}, and none was given`, "NETW[0]");
-  const { height, width } = file.photos;
+  if (!file.photos) throw new TsplatError("no photos", "file");
+  const { height, width, network: needed, groups } = file.photos;
+  if (!network) throw new TsplatError(`needs the network ${needed.name}, and none was given`, "PHOT[0]");
   const found = [];
-  for (const { views } of file.groups) {
+  for (const { views } of groups) {
     const photos = await Promise.all(views.map((view) => pictures.photo(view)));
     const cameras = views.map((view) => file.cameras[view]);
-    const prediction = await network({ photos, width, height, cameras, ...file.network });
+    const prediction = await network({ photos, width, height, cameras, ...needed });
     pictures.signal.throwIfAborted();
     checkPrediction(prediction, views.length);
     found.push(prediction);
   }
-  return joinGroups(found, file.groups, file.viewCount);
+  return joinGroups(found, groups, file.viewCount);
 }
 
 /** @param {Container} file @param {Prediction} prediction @returns {Decoded} */

@@ -1,11 +1,9 @@
 /** Mode lossless: docs/FORMAT.md, "Exact planes". */
-import { checkCrc, held } from "./container.js";
 import { widened } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
-import { exactPlanes } from "./extras.js";
-import { inflate } from "./inflate.js";
 import { sha256 } from "./sha256.js";
 import { Synthesis } from "./synthesis.js";
+import { checkCrc, held } from "./table.js";
 
 /** @typedef {import("./extras.js").ExactLayer} ExactLayer */
 /** @typedef {import("./layers.js").Layer} Layer */
@@ -17,6 +15,33 @@ const GEOMETRY = 12;
 let halves = new Float32Array(0);
 
 /**
+ * What a zlib stream comes to, which must be `length` bytes.
+ *
+ * @param {Uint8Array} bytes
+ * @param {number} length
+ * @param {string} where
+ */
+async function inflated(bytes, length, where) {
+  const reader = new Blob([/** @type {any} */ (bytes)]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
+  const out = new Uint8Array(length);
+  let at = 0;
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) break;
+      if (at + value.length > length) throw new RangeError(`more than ${length} bytes`);
+      out.set(value, at);
+      at += value.length;
+    }
+  } catch (error) {
+    void reader.cancel().catch(() => undefined);
+    throw new TsplatError(`zlib: ${/** @type {Error} */ (error).message}`, where);
+  }
+  require(at === length, `zlib: ${at} bytes, expected ${length}`, where);
+  return out;
+}
+
+/**
  * The samples of one plane, as bits of halves.
  *
  * @param {Uint8Array} bytes its zlib stream
@@ -24,9 +49,9 @@ let halves = new Float32Array(0);
  * @param {number} width
  * @param {string} where
  */
-export function unpackPlane(bytes, height, width, where) {
+export async function unpackPlane(bytes, height, width, where) {
   const count = height * width;
-  const raw = inflate(bytes, 2 * count, where);
+  const raw = await inflated(bytes, 2 * count, where);
   const samples = new Uint16Array(count);
   for (let y = 0, at = 0; y < height; y++) {
     for (let x = 0; x < width; x++, at++) {
@@ -69,35 +94,36 @@ function neighbourhood(samples, at, x, y, width) {
  * @param {() => Promise<void>} breathe between planes
  */
 export async function decodeExact(exact, index, origin, out, first, breathe) {
-  const { height, width, cameras, views, streams, degree } = exact;
+  const { height, width, cameras, views, planes } = exact;
   const pixels = height * width;
-  const count = exactPlanes(degree);
-  const planes = new Uint16Array(streams.length * pixels);
-  for (let number = 0; number < streams.length; number++) {
-    const where = `EXAP[${index}] plane ${number % count}, view ${Math.floor(number / count)}`;
-    const bytes = held(streams[number]);
-    if (!bytes) throw new TsplatError("cut short", where);
-    checkCrc(bytes, streams[number], where);
-    planes.set(unpackPlane(bytes, height, width, where), number * pixels);
-    await breathe();
+  const all = new Uint16Array(planes.length * planes[0].length * pixels);
+  for (let view = 0, at = 0; view < planes[0].length; view++) {
+    for (let plane = 0; plane < planes.length; plane++, at += pixels) {
+      const [stream, where] = [planes[plane][view], `exact plane ${plane}, view ${view}`];
+      const bytes = held(stream);
+      if (!bytes) throw new TsplatError("cut short", where);
+      checkCrc(bytes, stream, where);
+      all.set(await unpackPlane(bytes, height, width, where), at);
+      await breathe();
+    }
   }
-  const digest = sha256(littleEndian(planes));
-  require(digest.every((byte, i) => byte === exact.sha256[i]), "SHA-256 of the planes differs", `EXAP[${index}]`);
-  require(planes.every((bits) => (bits & 0x7c00) !== 0x7c00), "holds NaN or infinity", `EXAP[${index}]`);
+  const digest = sha256(littleEndian(all));
+  require(digest.every((byte, i) => byte === exact.sha256[i]), "SHA-256 of the planes differs", `EXAC[${index}]`);
+  require(all.every((bits) => (bits & 0x7c00) !== 0x7c00), "holds NaN or infinity", `EXAC[${index}]`);
   if (!halves.length) halves = Float32Array.from({ length: 65536 }, (_, bits) => widened(bits));
   /** @type {Layer} */
   const layer = {
-    height, width, degree: 0, isInverse: true, set: 0, k: 0, zMin: exact.zMin, zMax: exact.zMax, cameras, isOwn: false,
-    isRelative: false, references: undefined, mix: undefined, basis: undefined, channels: [],
+    height, width, degree: 0, isInverse: true, set: 0, k: 0, zMin: exact.zMin, zMax: exact.zMax, cameras,
+    references: undefined, mix: undefined, basis: undefined, channels: [],
   };
   const synthesis = new Synthesis(layer, origin, out, first);
-  const coefficients = count - GEOMETRY;
+  const coefficients = planes.length - GEOMETRY;
   const stride = 3 * (out.degree + 1) ** 2;
   for (let view = 0; view < cameras.length; view++) {
     /** @param {number} plane */
     const numbers = (plane) => {
-      const start = (views[view] * count + plane) * pixels;
-      return Float64Array.from(planes.subarray(start, start + pixels), (bits) => halves[bits]);
+      const start = (views[view] * planes.length + plane) * pixels;
+      return Float64Array.from(all.subarray(start, start + pixels), (bits) => halves[bits]);
     };
     const [coarse, fine] = [numbers(0), numbers(1)];
     const rest = Array.from({ length: GEOMETRY - 2 }, (_, i) => numbers(i + 2));

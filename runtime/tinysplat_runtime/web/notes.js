@@ -1,12 +1,13 @@
-/** What a scene's maker says about it: docs/FORMAT.md, NOTE, REFI, ANTI and THIN. */
+/** What is said about a scene: docs/FORMAT.md, NOTE. */
 import { TsplatError } from "./errors.js";
 import { cursor, only } from "./sections.js";
 
 /** @typedef {import("./sections.js").Section} Section */
 
-/** Longest text in bytes. */
-const NOTES = [["unit", 32], ["attribution", 1024], ["licence", 128]];
-const TEXTS = [["REFI", "refined", 128], ["ANTI", "antialiased", 3], ["THIN", "thinned", 128]];
+const MAX_FIELDS = 64;
+
+/** Longest text in bytes. @type {Record<string, number>} */
+const TEXTS = { unit: 32, attribution: 1024, licence: 128, refined: 128, antialiased: 3, pruned: 128 };
 
 /** First and last of each range of characters that do not print: FORMAT.md, "NOTE". */
 const NOT_PRINTED = new RegExp(
@@ -19,45 +20,34 @@ const NOT_PRINTED = new RegExp(
 
 /**
  * @param {Section[]} sections
- * @returns {Record<string, string>} the texts that are there, by name
+ * @returns {Record<string, string>} the texts that are there, by name; of names that are not known, none
  */
 export function readNotes(sections) {
   /** @type {Record<string, string>} */
   const notes = {};
-  const types = new Set(sections.map((section) => section.type));
-  if (types.has("NOTE")) {
-    const fields = cursor(only(sections, "NOTE"));
-    const lengths = NOTES.map(() => fields.u16());
-    NOTES.forEach(([name, most], i) => {
-      fields.require(lengths[i] <= Number(most), `${name} of ${lengths[i]} bytes, at most ${most}`);
-      const said = text(fields.take(lengths[i]), String(name), fields.section);
-      if (said) notes[name] = said;
-    });
-    fields.finish();
-  }
-  for (const [type, name, most] of TEXTS) {
-    if (!types.has(String(type))) continue;
-    const fields = cursor(only(sections, String(type)));
-    const length = fields.bytes.length;
-    fields.require(length >= 1 && length <= Number(most), `${length} bytes, expected 1 to ${most}`);
-    notes[name] = text(fields.bytes, String(name), fields.section);
-    fields.require(name !== "antialiased" || notes[name] === "yes", "expected 'yes'");
+  if (!sections.some(({ type }) => type === "NOTE")) return notes;
+  const fields = cursor(only(sections, "NOTE"));
+  const seen = new Set();
+  while (fields.at < fields.bytes.length) {
+    const [nameBytes, textBytes] = [fields.u8(), fields.u16()];
+    const name = String.fromCharCode(...fields.take(nameBytes));
+    const text = utf8(fields.take(textBytes), fields.section);
+    fields.require(/^[a-z]+$/.test(name) && !seen.has(name) && seen.size < MAX_FIELDS, `a field '${name}'`);
+    seen.add(name);
+    if (!Object.hasOwn(TEXTS, name) || !text) continue;
+    fields.require(textBytes <= TEXTS[name], `${name} of ${textBytes} bytes, at most ${TEXTS[name]}`);
+    fields.require(!NOT_PRINTED.test(text), `${name} holds characters that do not print`);
+    fields.require(name !== "antialiased" || text === "yes", "antialiased: expected 'yes'");
+    notes[name] = text;
   }
   return notes;
 }
 
-/**
- * @param {Uint8Array} bytes
- * @param {string} name
- * @param {string} section
- */
-function text(bytes, name, section) {
-  let found;
+/** @param {Uint8Array} bytes @param {string} section */
+function utf8(bytes, section) {
   try {
-    found = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(bytes);
+    return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(bytes);
   } catch {
-    throw new TsplatError(`${name} is not UTF-8`, section);
+    throw new TsplatError("a text that is not UTF-8", section);
   }
-  if (NOT_PRINTED.test(found)) throw new TsplatError(`${name} holds characters that do not print`, section);
-  return found;
 }

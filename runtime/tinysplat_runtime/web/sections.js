@@ -1,23 +1,14 @@
-/** A file as its sections: docs/FORMAT.md, sections 1 and 2. Nothing is believed before it is compared with the bytes. */
+/** A file as its sections: docs/FORMAT.md, section 1. Nothing is believed before it is compared with the bytes. */
 import { Cursor, crc32 } from "./cursor.js";
 import { require } from "./errors.js";
 
 const MAGIC = [0x89, 0x54, 0x53, 0x50, 0x4c, 0x41, 0x54, 0x0a];
 export const HEADER_BYTES = 20;
 const ROW_BYTES = 16;
-const MAX_SECTIONS = 8192;
+const MAX_SECTIONS = 256;
 const REQUIRED = 1;
 
-/** Sections of pictures, by number of the class. */
-export const PLANES = ["DEPT", "COLO", "OPAC", "SCAL", "ROTA", "OFFS"];
-
-const KNOWN = new Set([
-  "SCEN", "CAMS", "LAYR", "HEVC", "NOTE", "REFI", "ANTI", "THIN", "NETW", "GRPS", "PHOT", "PICS", "EXAC", "EXAP", "FREE", "TIER",
-  "FREP", "SEEN", "UNIT", "VIEW", ...PLANES,
-]);
-
-/** Sections of pictures and positions, which have CRCs of their own and which a prefix may lack. */
-const PICTURES = new Set(["VIEW", "FREP", ...PLANES]);
+const KNOWN = new Set(["SCEN", "CAMS", "NOTE", "LAYR", "HEVC", "PHOT", "EXAC", "LIST", "TIER", "PICT", "DATA"]);
 
 /**
  * @typedef {object} Section
@@ -55,7 +46,6 @@ export function readTable(bytes, isPrefix) {
   const rows = new Cursor(table, "table");
   /** @type {Section[]} */
   const sections = [];
-  let metadataEnd = 0;
   for (let row = 0; row < count; row++) {
     const type = String.fromCharCode(...rows.take(4));
     const [flags, index, length, sectionCrc] = [rows.u16(), rows.u16(), rows.u32(), rows.u32()];
@@ -64,15 +54,18 @@ export function readTable(bytes, isPrefix) {
     end += length;
     if (KNOWN.has(type)) sections.push(section);
     else require(!(flags & REQUIRED), "unknown and required; a newer reader is needed", JSON.stringify(type));
-    if (KNOWN.has(type) && !PICTURES.has(type)) metadataEnd = end;
   }
   require(bytes.length <= end, `${bytes.length - end} bytes behind the last section`, "file", end);
-  const short = `the first ${bytes.length} bytes hold no picture; the metadata alone takes ${metadataEnd}`;
-  require(metadataEnd <= bytes.length, short, "file", bytes.length);
+  const last = sections.at(-1);
+  require(last?.type === "DATA" && last.start + last.length === end, "expected as the last section", "DATA[0]");
+  const needed = last ? last.start : 0;
+  require(needed <= bytes.length, `the first ${bytes.length} bytes hold no picture; the metadata alone takes ${needed}`, "file", bytes.length);
+  const labels = sections.map(label);
   for (const section of sections) {
-    const isIntact = PICTURES.has(section.type) || crc32(section.data) === section.crc;
+    const isIntact = section === last || crc32(section.data) === section.crc;
     require(isIntact, "CRC differs: the bytes were altered", label(section), 0);
   }
+  require(new Set(labels).size === labels.length, "a section stands twice", "table");
   return { version: [major, minor], total: end, sections };
 }
 
@@ -84,7 +77,8 @@ export function tableBytes(header) {
 }
 
 /**
- * Bytes of the file that hold all metadata; undefined where `bytes` do not even hold the table.
+ * Bytes of the file that hold all metadata: those before its last section; undefined where `bytes` do not even hold the
+ * table.
  *
  * @param {Uint8Array} bytes
  */
@@ -92,16 +86,13 @@ export function metadataBytes(bytes) {
   if (bytes.length < HEADER_BYTES) return undefined;
   let end = tableBytes(bytes);
   if (bytes.length < end) return undefined;
-  const rows = new Cursor(bytes.subarray(HEADER_BYTES, end), "table");
-  let metadataEnd = end;
+  const rows = new Cursor(bytes.subarray(HEADER_BYTES, Math.max(end - ROW_BYTES, HEADER_BYTES)), "table");
   while (rows.at < rows.bytes.length) {
-    const type = String.fromCharCode(...rows.take(4));
-    rows.take(4);
+    rows.take(8);
     end += rows.u32();
     rows.take(4);
-    if (KNOWN.has(type) && !PICTURES.has(type)) metadataEnd = end;
   }
-  return metadataEnd;
+  return end;
 }
 
 /**
@@ -111,9 +102,9 @@ export function metadataBytes(bytes) {
  * @param {string} type
  */
 export function only(sections, type, index = 0) {
-  const found = sections.filter((section) => section.type === type && section.index === index);
-  require(found.length === 1, found.length ? `stands ${found.length} times` : "missing", `${type}[${index}]`);
-  return found[0];
+  const found = sections.find((section) => section.type === type && section.index === index);
+  require(found !== undefined, "missing", `${type}[${index}]`);
+  return /** @type {Section} */ (found);
 }
 
 /** @param {Section} section */

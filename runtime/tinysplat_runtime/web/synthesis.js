@@ -1,6 +1,6 @@
 /** Codes of a view to its Gaussians: docs/FORMAT.md, section 4, steps 1 to 7. */
 import { exactRotation, multiplied, quaternionOf } from "./cameras.js";
-import { COLOR, DEPTH } from "./layers.js";
+import { COLOR, DEPTH } from "./table.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
 /** @typedef {import("./layers.js").Layer} Layer */

@@ -42,9 +42,9 @@ export interface Scene {
   origin: ArrayLike<number>;
   cameras: Camera[];
   layers: LayerShape[];
-  /** What the scene's maker says: unit, attribution, licence, refined, antialiased, thinned. */
+  /** What the scene's maker says: unit, attribution, licence, refined, antialiased, pruned. */
   notes: Record<string, string>;
-  mode: "gaussians" | "photos" | "lossless" | "free";
+  mode: "gaussians" | "photos" | "lossless" | "list";
   /** Of the whole file. */
   bytes: number;
   /** Names of pictures that are not at hand. */
@@ -126,7 +126,7 @@ export function decodeStream(
 ): AsyncGenerator<Scene & { received: number }>;
 
 /**
- * Decode some views of a file that is elsewhere: of one whose views are units, only header, metadata and these views
+ * Decode some views of a file that is elsewhere: of one in parts by view, only header, metadata and these views
  * are read. `source` is an address, whose server is asked for ranges, or a function that gives bytes.
  */
 export function decodeViews(
@@ -154,6 +154,8 @@ export function inspect(
   count?: number;
   degree: number;
   sections: { name: string; offset: number; bytes: number }[];
+  /** Where each view's bytes lie, of a file in parts by view; those of others are none. */
+  parts: { start: number; length: number }[];
   /** Prefixes, in bytes, behind which the picture is better than before. */
   steps: number[];
 };

@@ -9,9 +9,9 @@ import { LIMITS, isWorth, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
 import { TsplatError, require } from "./errors.js";
-import { COLOR, channelName } from "./layers.js";
 import { anySignal, rangesOf } from "./ranges.js";
 import { HEADER_BYTES, label, metadataBytes, tableBytes } from "./sections.js";
+import { COLOR, ROTATION, channelName, channelsOf } from "./table.js";
 
 export { TsplatError };
 
@@ -90,7 +90,7 @@ async function decodeContainer(file, options, known) {
 
 /**
  * Decode some views of a file that is elsewhere, of which only header, metadata and these views are read (FORMAT.md,
- * "Views as units"); a file that is in one piece is read whole.
+ * "Parts by view"); a file that is in one part is read whole.
  *
  * @param {string | URL | ((offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>)} source an address, or what
  *   gives bytes of the file
@@ -111,50 +111,45 @@ export async function decodeViews(source, views, options = {}) {
   const table = await get(0, tableBytes(await get(0, HEADER_BYTES)));
   const metadata = await get(0, metadataBytes(table) ?? table.length);
   const outline = reading({ ...options, limits: { ...options.limits, maxPerByte: Infinity } }, true);
-  const { sections } = readContainer(metadata, { ...outline, views: undefined });
+  const { table: { parts }, total } = readContainer(metadata, { ...outline, views: undefined });
   /** @type {Map<number, Uint8Array>} */
   const fetched = new Map();
-  for (const { type, index, start, length } of sections) {
-    if (type === "VIEW" && views.includes(index)) fetched.set(index, await get(start, length));
-  }
-  const inParts = sections.some(({ type }) => type === "UNIT");
-  const end = Math.max(...sections.map(({ start, length }) => start + length));
-  const bytes = inParts ? metadata : await get(0, end);
+  for (const view of views) if (parts[view]) fetched.set(view, await get(parts[view].start, parts[view].length));
+  const bytes = parts.length ? metadata : await get(0, total);
   const file = readContainer(bytes, { ...reading(options, true), views, fetched });
   return decodeContainer(file, options, undefined);
 }
+
+/** Passes of a class's first rows and of the others, and how many are first: FORMAT.md, section 1. */
+const PASSES = [[0, 2, 1], [0, 3, 3], [1, 1, 1], [1, 1, 3], [2, 2, 4], [2, 2, 2]];
 
 /**
  * Where a file's picture gets better: ends of its passes, in bytes from its beginning.
  *
  * @param {Container} file
  */
-function stepsOf(file) {
-  /** Passes of a class's first part and of the others: FORMAT.md, section 1. @type {Record<string, number[]>} */
-  const passes = { DEPT: [0, 2], COLO: [0, 3], OPAC: [1, 1], SCAL: [1, 1], ROTA: [2, 2], OFFS: [2, 2] };
+function stepsOf({ table, mode, total }) {
+  if (table.parts.length) return table.parts.map(({ start, length }) => start + length);
   const steps = [];
-  let ending = "";
-  for (const { type, index, start, length } of file.sections) {
-    if (type === "VIEW") steps.push(start + length);
-    if (file.free && index && (type === "OPAC" || type === "SCAL")) continue; // shown with colours alone
-    const pass = passes[type]?.[index < 256 ? 0 : 1];
-    if (pass === undefined) continue;
-    if (`${pass} ${index % 256}` === ending) steps.pop();
-    if (type === "COLO" && index === 0) steps.push(start + Math.min(firstColours(file), length));
-    steps.push(start + length);
-    ending = `${pass} ${index % 256}`;
+  /** @type {Map<string, number>} */
+  const counts = new Map();
+  let [ending, isDyed] = ["", false];
+  for (const { layer, planeClass, isCoded, streams } of table.rows) {
+    const number = counts.get(`${layer} ${planeClass}`) ?? 0;
+    counts.set(`${layer} ${planeClass}`, number + 1);
+    if (!isCoded || !streams.length || (mode !== "list" && mode !== "gaussians")) continue;
+    const [first, later, base] = PASSES[planeClass] ?? [1, 1, 1];
+    const pass = mode === "gaussians" ? (number < base ? first : later) : planeClass === ROTATION ? 2 : layer || planeClass !== COLOR ? 0 : 1;
+    const end = streams[streams.length - 1].end;
+    if (`${layer} ${pass}` === ending) steps.pop();
+    if (mode === "gaussians" && planeClass === COLOR && !layer && !isDyed) {
+      steps.push(streams[0].end); // the first view is then seen in its own light
+      isDyed = true;
+    }
+    steps.push(end);
+    ending = `${layer} ${pass}`;
   }
-  return steps.length ? steps : [file.total];
-}
-
-/**
- * Bytes of layer 0's colours up to the first component of the first view, which is then seen in its own light.
- *
- * @param {Container} file
- */
-function firstColours(file) {
-  const component = file.layers[0]?.channels.find((channel) => channel.planeClass === COLOR);
-  return component?.streams[0]?.end ?? Infinity;
+  return steps.length ? steps : [total];
 }
 
 /**
@@ -212,7 +207,7 @@ export async function* decodeStream(chunks, options = {}) {
  * @param {Map<string, Uint16Array>} known
  */
 async function prefix(file, options, known) {
-  if (file.mode !== "gaussians" && file.mode !== "free") return undefined;
+  if (file.mode !== "gaussians" && file.mode !== "list") return undefined;
   try {
     return await decodeContainer(file, options, known);
   } catch (error) {
@@ -306,18 +301,20 @@ async function* iterated(stream) {
  */
 export function inspect(bytes, limits = {}) {
   const file = readContainer(bytesOf(bytes), { ...reading({ limits }, true) });
-  const { version, mode, profile, qp, total, origin, places: cameras, notes, network, free } = file;
+  const { version, mode, profile, qp, total, origin, places, notes, list, table } = file;
+  const cameras = list ? [] : places;
   const grids = file.exact.length ? file.exact : file.layers;
   const layers = grids.map(({ height, width, degree }) => ({ views: cameras.length, height, width, degree }));
   const counted = layers.reduce((sum, layer) => sum + layer.views * layer.height * layer.width, 0);
-  const channels = (free ? free.tiers : file.layers).map(({ channels: records }) =>
-    records.map((channel) => ({ name: channelName(channel), bytes: channel.streams.map(({ length }) => length) })),
+  const channels = Array.from({ length: Math.max(0, ...table.rows.map(({ layer }) => layer + 1)) }, (_, layer) =>
+    channelsOf(table, layer).map((channel) => ({ name: channelName(channel), bytes: channel.streams.map(({ length }) => length) })),
   );
   return {
-    version: version.join("."), mode, profile, qp, bytes: total, origin, cameras, notes, network, layers, channels,
-    count: free ? free.count : grids.length ? counted : undefined,
-    degree: free ? free.degree : Math.max(0, ...layers.map((layer) => layer.degree)),
+    version: version.join("."), mode, profile, qp, bytes: total, origin, cameras, notes, network: file.photos?.network, layers, channels,
+    count: list ? list.count : grids.length ? counted : undefined,
+    degree: list ? list.degree : Math.max(0, ...layers.map((layer) => layer.degree)),
     sections: file.sections.map((section) => ({ name: label(section), offset: section.start, bytes: section.length })),
+    parts: table.parts,
     steps: stepsOf(file),
   };
 }

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.units import MOST_TOGETHER
+from ...container.planes import MOST_TOGETHER
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.sh import C0, sh_basis
 from ...render import DEFINITION, Renderer, between

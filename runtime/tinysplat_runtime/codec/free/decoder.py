@@ -1,4 +1,4 @@
-"""A file of mode free to Gaussians: docs/FORMAT.md, section 4, "Free Gaussians"."""
+"""A file of mode list to Gaussians: docs/FORMAT.md, section 4, "Lists"."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import DETERMINING, order_of
-from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier
+from ...container.free import DETERMINING, FreeChannel, FreeScene, FreeTier, order_of, position_streams
+from ...container.records import ChannelRecord
 from ...errors import FormatError
 from ...gaussian.curve import cells_of
 from ...gaussian.gaussians import Gaussians
@@ -29,7 +29,7 @@ _ROWS = 1 << 16
 
 @dataclass(frozen=True)
 class _Tier:
-    """A tier, and which of its channels have pictures that are not at hand."""
+    """A tier, and which of its rows have bytes that are not at hand."""
 
     file: OpenFile
     number: int
@@ -39,19 +39,19 @@ class _Tier:
     @property
     def is_present(self) -> bool:
         """Whether it is shown: the first one wherever its positions are, others if only rotations lack."""
-        is_placed = len(self.own.grid.streams) > 0
-        return is_placed and (self.number == 0 or all(r.plane_class == PlaneClass.ROTATION for r in self.absent))
+        needed = {r.plane_class for r in self.absent} - {PlaneClass.ROTATION}
+        return not needed or (self.number == 0 and PlaneClass.POSITION not in needed)
 
     def values(self, channel: FreeChannel, order: Order) -> NDArray:
         """A channel's numbers, (count,) float64 by the curve."""
         record = channel.record
         if record in self.absent:
             return np.full(self.own.count, channel.centre)
-        if not record.streams:
+        if not record.pictures:
             return channel_values(channel, None, order)
         container = self.file.container
-        payload = bytes(container.pictures.payload(self.number, record, 0))
-        picture = CodedPlane(container.parameter_sets[self.number], payload)
+        payload = bytes(container.table.payload(record, 0))
+        picture = CodedPlane(container.parameter_sets[self.own.parameter_set], payload)
         return channel_values(channel, picture.decoded(*plane_shape(len(order.rows))), order)
 
 
@@ -65,7 +65,8 @@ def decode_free(file: OpenFile, scene: FreeScene) -> Gaussians:
     """
     tiers = []
     for number, tier in enumerate(scene.tiers):
-        absent = frozenset(tier.channels[ref.channel].record for ref in file.missing if ref.layer == number)
+        records = file.container.table.layer(number)
+        absent = frozenset(records[ref.channel] for ref in file.missing if ref.layer == number)
         tiers.append(_Tier(file, number, tier, absent))
     present = next((tier.number for tier in tiers if not tier.is_present), len(tiers))
     if not present:
@@ -81,7 +82,9 @@ def decode_free(file: OpenFile, scene: FreeScene) -> Gaussians:
 def _decode_tier(scene: FreeScene, tier: _Tier, growth: float, crew: Crew) -> dict[str, NDArray]:
     """The arrays of one tier's Gaussians."""
     own, grid = tier.own, tier.own.grid
-    keys = decode_points(grid.streams, grid.levels, grid.leaves, grid.escapes, own.count)
+    assert own.positions
+    streams = position_streams(own.positions.pictures[0])
+    keys = decode_points(streams, grid.levels, grid.leaves, grid.escapes, own.count)
     means = means_of(grid, cells_of(keys))
     found: dict[tuple[PlaneClass, int], NDArray] = {}
     orders, counts = [along_the_curve(own.count)], np.zeros(own.count, np.uint16)

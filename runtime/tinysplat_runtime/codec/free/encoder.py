@@ -17,9 +17,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import DETERMINING, MAX_EXPONENT, MAX_PER_BYTE, free_sections, order_of, range_fault
-from ...container.records import ChannelRecord, FreeChannel, FreeScene, FreeTier, PointGrid, WeightClasses
-from ...container.viewpoints import viewpoint_sections
+from ...container.cameras import rounded_cameras
+from ...container.free import (
+    DETERMINING,
+    MAX_EXPONENT,
+    MAX_PER_BYTE,
+    FreeChannel,
+    FreeScene,
+    FreeTier,
+    PointGrid,
+    WeightClasses,
+    list_rows,
+    list_sections,
+    order_of,
+    range_fault,
+)
+from ...container.records import ChannelRecord
 from ...container.writer import write_container
 from ...errors import InputError
 from ...gaussian.curve import morton_keys
@@ -199,8 +212,9 @@ class FreeEncoder(Coder):
         sets = [next((picture.parameter_sets for picture in own.values()), b"") for own in pictures]
         with self._stats.watch.stage("write"):
             origin, viewpoints = self._gaussians.origin, spread(self._gaussians.viewpoints, MOST_VIEWPOINTS)
-            sections = [*viewpoint_sections(viewpoints, origin), *free_sections(scene, payloads, sets)]
-            data = write_container([], (), origin, self.profile.name, qp, sections, notes=self._gaussians.notes)
+            cameras, name, notes = rounded_cameras(viewpoints, origin), self.profile.name, self._gaussians.notes
+            sections, rows = list_sections(scene, sets), list(list_rows(scene, payloads))
+            data = write_container(cameras, origin, name, qp, sections, rows, len(scene.tiers), views=1, notes=notes)
         if scene.count > MAX_PER_BYTE * len(data):
             found = f"{scene.count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
             raise InputError(found, where="qp")
@@ -252,7 +266,7 @@ class FreeEncoder(Coder):
             tier.coded.extend(code.all(jobs, tier))
             tier.coded.sort(key=lambda c: c.channel.record.key)
             growth = self._tiers.growths[number - 1] if number else 0.0
-            coded.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth))
+            coded.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth=growth))
         degree = math.isqrt(len(mean) // 3) - 1
         return FreeScene(degree, middle, thresholds, weights, mean, basis, tuple(coded))
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.records import FreeChannel, WeightClasses
+from ...container.free import FreeChannel, WeightClasses
 from .planes import from_plane
 
 

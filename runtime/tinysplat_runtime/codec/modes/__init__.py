@@ -4,7 +4,7 @@
     photos      the photos and the network's hash: a quarter to a half of the planes' bytes at equal Q_g, for receivers
                 that have the network.
     lossless    planes as float16, bit for bit.
-    free        a list of Gaussians: what `compress` makes of a trained or an edited scene.
+    list        a list of Gaussians: what `compress` makes of a trained or an edited scene.
 
 docs/MODES.md has figures. Importing this package loads nothing, so that the command line can name modes.
 """

@@ -7,9 +7,10 @@ from hashlib import sha256
 
 import numpy as np
 
-from ...container.exact import CodedExact, Exact, ExactLayer, exact_sections
+from ...container.exact import CodedExact, Exact, ExactLayer, exact_rows, exact_section
 from ...container.layers import LayerMaps
 from ...container.sections import NewSection
+from ...container.table import CodedRow
 from ...container.writer import write_container
 from ...errors import FormatError
 from ...gaussian.gaussians import FIELDS, Gaussians
@@ -30,16 +31,18 @@ def encode(job: Job) -> bytes:
     """
     gaussians = job.gaussians
     gaussians.check_pixels()
-    sections: list[NewSection] = []
+    cameras, sections, rows = gaussians.cameras, list[NewSection](), list[CodedRow]()
     crew = Crew(job.threads)
     with job.stats.watch.stage("zlib"):
         for index, layer in enumerate(gaussians.layers):
             planes, limits = exact_planes(job.store, layer, job.drop_invalid, f"layer {index}")
-            payloads = tuple(crew.map(pack, planes.reshape(-1, *planes.shape[2:])))
-            digest = sha256(planes.tobytes()).digest()
-            sections += exact_sections(CodedExact(layer.cameras, layer.degree, limits, digest, payloads), index)
-        cameras, origin, notes, count = gaussians.cameras, gaussians.origin, gaussians.notes, len(gaussians.layers)
-        return write_container([], cameras, origin, LOSSLESS.name, 0.0, sections, layer_count=count, notes=notes)
+            packed = crew.map(pack, planes.swapaxes(0, 1).reshape(-1, *planes.shape[2:]))
+            payloads = tuple(tuple(packed[at : at + len(cameras)]) for at in range(0, len(packed), len(cameras)))
+            coded = CodedExact(layer.cameras, layer.degree, limits, sha256(planes.tobytes()).digest(), payloads)
+            sections.append(exact_section(coded, index, cameras))
+            rows += exact_rows(coded, index)
+        origin, notes, count = gaussians.origin, gaussians.notes, len(gaussians.layers)
+        return write_container(cameras, origin, LOSSLESS.name, 0.0, sections, rows, count, notes=notes)
 
 
 def decode(file: OpenFile, body: Exact) -> Gaussians:

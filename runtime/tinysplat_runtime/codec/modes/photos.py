@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...container.photos import Photos, group_sections, network_section, photo_sections
+from ...container.photos import Photos, photo_sections
 from ...container.writer import write_container
 from ...gaussian.gaussians import Gaussians
 from ...graphs.walk import predict_grouped
@@ -21,10 +21,10 @@ def encode(job: Job) -> bytes:
     check_qp(job.qp)
     with job.stats.watch.stage("x265"):
         photos = encode_photos(scene.images, job.qp, job.profile.encoder, job.threads)
-    sections = (network_section(scene.network), *group_sections(scene.groups), *photo_sections(photos))
+    sections = photo_sections(scene.network, photos, scene.groups)
     cameras, notes = job.gaussians.cameras, job.gaussians.notes
     with job.stats.watch.stage("write"):
-        return write_container([], cameras, np.zeros(3), job.profile.name, job.qp, sections, notes=notes)
+        return write_container(cameras, np.zeros(3), job.profile.name, job.qp, sections, photos.rows, notes=notes)
 
 
 def decode(file: OpenFile, body: Photos) -> Gaussians:
@@ -37,7 +37,9 @@ def decode(file: OpenFile, body: Photos) -> Gaussians:
     container, watch = file.container, file.watch
     photos, network = body.photos, body.network
     with watch.stage("libavcodec"):
-        images = decode_photos(photos, container.parameter_sets[photos.parameter_set], file.threads)
+        payloads = [photos.payload(view) for view in range(len(photos.pictures))]
+        sets, size = container.parameter_sets[photos.parameter_set], (photos.height, photos.width)
+        images = decode_photos(payloads, size, sets, file.threads)
     with watch.stage("network"):
         graph = file.store.network_by_hash(network.name, network.sha256, file.model)
         return predict_grouped(images, container.cameras, network.near, network.far, graph, body.groups)

@@ -1,0 +1,38 @@
+"""Mode `list`: Gaussians that belong to no pixels, such as a trained or an edited scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ...container.points import Points
+from ...gaussian.gaussians import Gaussians
+from ..free.decoder import decode_free
+from ..job import Job
+from ..layers import OpenFile
+from .mode import Mode
+
+if TYPE_CHECKING:  # who decodes loads no encoder
+    from ..free.encoder import FreeEncoder
+
+
+def encode(job: Job) -> bytes:
+    """The file at the job's Q_g; InputError where no Gaussian shows, or for a Q_g beyond ±60."""
+    return encoder(job).code(job.qp)
+
+
+def encoder(job: Job) -> FreeEncoder:
+    """What codes the job's Gaussians at any Q_g."""
+    from ..free.encoder import FreeEncoder
+
+    return FreeEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
+
+
+def decode(file: OpenFile, body: Points) -> Gaussians:
+    """The file's Gaussians, as one list; FormatError where what sorts them is not at hand."""
+    with file.watch.stage("libavcodec"):
+        found = decode_free(file, body.scene)
+    return replace(found, viewpoints=body.viewpoints)
+
+
+LIST = Mode(Points.mode, encode, decode, encoder)

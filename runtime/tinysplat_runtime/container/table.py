@@ -1,0 +1,243 @@
+"""The table of pictures: which there are, in the order of their bytes. Layout: docs/FORMAT.md, PICT.
+
+A row is a channel of a layer or a tier, with a picture for every view. Lengths and CRCs of all stand in the table, or,
+in a file in parts by view, in front of each view's pictures: who wants one view reads its bytes alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
+from typing import Any
+from zlib import crc32
+
+from ..errors import FormatError
+from ..gaussian.planes import MAX_DECODED, MAX_QP, PlaneClass
+from . import layout as L
+from .records import ChannelRecord, CodedChannel, Picture
+from .sections import Cursor, NewSection, Section
+
+CodedRow = tuple[int, CodedChannel]
+"""A row to be written: layer or tier, and its channel."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The pictures of a file.
+
+    Attributes:
+        rows: (layer or tier, channel), in the order of their bytes.
+        views: the numbers in the file of the views whose pictures these are; (0,) of a list.
+        count: views of the file.
+        parts: where each view's bytes lie in the file, (first, length), if they are in parts by view.
+    """
+
+    rows: tuple[tuple[int, ChannelRecord], ...]
+    views: tuple[int, ...]
+    count: int
+    parts: tuple[tuple[int, int], ...] = ()
+
+    @cached_property
+    def layers(self) -> Mapping[int, tuple[ChannelRecord, ...]]:
+        """By layer or tier, its channels by class and target, whatever order their bytes have."""
+        found: dict[int, list[ChannelRecord]] = {}
+        for layer, record in sorted(self.rows, key=lambda row: row[1].key):
+            found.setdefault(layer, []).append(record)
+        return {layer: tuple(records) for layer, records in found.items()}
+
+    def layer(self, number: int) -> tuple[ChannelRecord, ...]:
+        """The channels of a layer or tier by class and target; none where it has none."""
+        return self.layers.get(number, ())
+
+    def payload(self, channel: ChannelRecord, view: int) -> memoryview:
+        """A picture's bytes; FormatError where they are cut off or not those that were written."""
+        return channel.pictures[view].checked(f"plane {channel.name}, view {self.views[view]}")
+
+    def prefixes(self, step: Callable[[int, ChannelRecord, int], Hashable]) -> list[dict[str, Any]]:
+        """Useful numbers for `--max-bytes`: where a step ends, and what it adds to those before it.
+
+        Rows of one step stand together: between them a prefix decodes as well, but can show less than without them.
+        `step` is given the layer, the channel, and which one of its class it is.
+        """
+        if self.parts:
+            ends = (start + length for start, length in self.parts)
+            return [{"bytes": end, "views": view + 1} for view, end in enumerate(ends)]
+        prefixes: list[dict[str, Any]] = []
+        counts: dict[tuple[int, PlaneClass], int] = {}
+        before: Hashable = None
+        for layer, record in self.rows:
+            number = counts.get((layer, record.plane_class), 0)
+            counts[layer, record.plane_class] = number + 1
+            if not record.pictures:
+                continue
+            here = (layer, step(layer, record, number))
+            if here != before:
+                prefixes.append({"bytes": 0, "layer": layer, "adds": []})
+            prefixes[-1]["bytes"] = record.pictures[-1].end
+            if record.plane_class != PlaneClass.POSITION:
+                prefixes[-1]["adds"].append(record.name)
+            before = here
+        return prefixes
+
+
+@dataclass(frozen=True)
+class Rows:
+    """PICT as it stands, before pictures are looked for.
+
+    Attributes:
+        rows: layer or tier, channel, and whether it has pictures.
+        views: of the file.
+        by_view: whether the bytes are in parts by view.
+        streams: (length, CRC) as the section ends with them.
+        label: of the section, for messages.
+    """
+
+    rows: tuple[tuple[int, ChannelRecord, bool], ...]
+    views: int
+    by_view: bool
+    streams: tuple[tuple[int, int], ...]
+    label: str
+
+    @classmethod
+    def read(cls, section: Section) -> Rows:
+        """Parse and check PICT; FormatError where it is damaged."""
+        cursor = Cursor(section)
+        count, views, by_view = cursor.unpack(L.PICTURES_FIXED)
+        cursor.require(1 <= views <= L.MAX_VIEWS, f"{views} views, accepted are 1 to {L.MAX_VIEWS}")
+        cursor.require(by_view <= 1, f"order {by_view} is unknown")
+        rows = tuple(_read_row(cursor) for _ in range(count))
+        coded = sum(is_coded for *_, is_coded in rows)
+        taken = cursor.take(L.STREAM.size * (views if by_view else views * coded))
+        cursor.finish()
+        return cls(rows, views, bool(by_view), tuple(L.STREAM.iter_unpack(taken)), section.label)
+
+    @property
+    def table_bytes(self) -> int:
+        """Bytes in front of a view's pictures, of a file in parts."""
+        return L.STREAM.size * sum(is_coded for *_, is_coded in self.rows) * self.by_view
+
+    def ranges(self, start: int) -> tuple[tuple[int, int], ...]:
+        """(first byte, length) of each view's part, where pictures begin at `start`; none of a file in one part."""
+        lengths = [length for length, _ in self.streams] if self.by_view else []
+        return tuple(zip(accumulate(lengths, initial=start), lengths, strict=False))
+
+
+def read_pictures(
+    pict: Section,
+    data: Section,
+    wanted: Sequence[int] | None,
+    *,
+    is_prefix: bool,
+    is_damaged: bool,
+    fetched: Mapping[int, bytes | memoryview] | None,
+) -> Table:
+    """The pictures of the `wanted` views of a file, None for all.
+
+    Args:
+        pict, data: the sections PICT and DATA, of which the second may be cut off.
+        wanted: views that there are.
+        is_prefix, is_damaged: leave out views whose own table is cut off, or damaged.
+        fetched: parts by view, in place of `data`.
+
+    Raises:
+        FormatError: damaged, of other lengths than the table says, or without any view that can be read.
+    """
+    found = Rows.read(pict)
+    total = sum(length for length, _ in found.streams)
+    if total != data.length:
+        raise FormatError(f"{data.length} bytes, its pictures need {total}", where=data.label)
+    start, views = data.end - data.length, tuple(range(found.views)) if wanted is None else tuple(wanted)
+    if not found.by_view:
+        return Table(
+            _rows(found, _placed(found.streams, data.data, start), range(found.views), views), views, found.views
+        )
+    ranges, tables = found.ranges(start), {}
+    for view in views:
+        first, length = ranges[view]
+        part = data.data[first - start : first - start + length] if fetched is None else _fetched(fetched, view, length)
+        if length < found.table_bytes:
+            raise FormatError(f"{length} bytes, its table has {found.table_bytes}", where=f"view {view}")
+        table = part[: found.table_bytes]
+        is_here = len(table) == found.table_bytes
+        is_intact = is_here and crc32(table) == found.streams[view][1]
+        if not is_intact:
+            if is_damaged or (is_prefix and not is_here):
+                continue
+            reason = "CRC of its table differs: the bytes were altered" if is_here else f"{len(part)} bytes: cut short"
+            raise FormatError(reason, where=f"view {view}")
+        streams = tuple(L.STREAM.iter_unpack(table))
+        tables[view] = _placed(streams, part[found.table_bytes :], first + found.table_bytes)
+        needed = found.table_bytes + sum(length for length, _ in streams)
+        if needed != length:
+            raise FormatError(f"{length} bytes, its table and pictures have {needed}", where=f"view {view}")
+    if not tables:
+        end = min(ranges[view][0] for view in views) + found.table_bytes
+        raise FormatError(f"holds no intact view; the table of the first ends at byte {end}", where="file")
+    shown = tuple(tables)
+    by_row = [picture for row in zip(*tables.values(), strict=True) for picture in row]
+    return Table(_rows(found, by_row, shown, shown), shown, found.views, ranges)
+
+
+def _read_row(cursor: Cursor) -> tuple[int, ChannelRecord, bool]:
+    layer, number, target, qp, scale, offset = cursor.unpack(L.CHANNEL)
+    cursor.require(number in list(PlaneClass), f"plane class {number}, known are 0 to {max(PlaneClass):d}")
+    record = ChannelRecord(PlaneClass(number), target, qp, scale, offset)
+    cursor.require(qp <= MAX_QP or qp == L.CONSTANT, f"QP {qp}, accepted are 0 to {MAX_QP}")
+    is_finite = abs(scale) < MAX_DECODED and abs(offset) < MAX_DECODED
+    cursor.require(is_finite, f"{record.name}: scale or offset out of range")
+    return layer, record, qp != L.CONSTANT
+
+
+def _placed(streams: Sequence[tuple[int, int]], data: memoryview, start: int) -> list[Picture]:
+    """Pictures one behind the other, the first at byte `start` of the file and of `data`'s beginning."""
+    ends = list(accumulate((length for length, _ in streams), initial=0))
+    return [
+        Picture(data[at : at + length], length, crc, start + at + length)
+        for at, (length, crc) in zip(ends, streams, strict=False)
+    ]
+
+
+def _rows(
+    found: Rows, pictures: Sequence[Picture], held: Sequence[int], views: Sequence[int]
+) -> tuple[tuple[int, ChannelRecord], ...]:
+    """Rows with the pictures of `views`; `pictures` are those of the views `held`, row by row."""
+    place_of = {view: place for place, view in enumerate(held)}
+    rows, at, places = [], 0, [place_of[view] for view in views]
+    for layer, record, is_coded in found.rows:
+        own: tuple[Picture, ...] = ()
+        if is_coded:
+            own = tuple(pictures[at + place] for place in places)
+            at += len(held)
+        rows.append((layer, ChannelRecord(*record.key, record.qp, record.scale, record.offset, own)))
+    return tuple(rows)
+
+
+def _fetched(parts: Mapping[int, bytes | memoryview], view: int, length: int) -> memoryview:
+    data = memoryview(parts.get(view, b""))
+    if view in parts and len(data) != length:
+        raise FormatError(f"needs {length} bytes, {len(data)} are given", where=f"view {view}")
+    return data
+
+
+def picture_sections(rows: Sequence[CodedRow], views: int, *, by_view: bool) -> list[NewSection]:
+    """PICT and DATA of rows with a payload for each of so many views."""
+    fixed = L.PICTURES_FIXED.pack(len(rows), views, by_view)
+    for layer, channel in rows:
+        qp = channel.qp if channel.payloads else L.CONSTANT
+        fixed += L.CHANNEL.pack(layer, channel.plane_class, channel.target, qp, channel.scale, channel.offset)
+    coded = [channel.payloads for _, channel in rows if channel.payloads]
+    if by_view:
+        own = [list(each) for each in zip(*coded, strict=True)] or [[] for _ in range(views)]
+        tables = [b"".join(map(_stream, payloads)) for payloads in own]
+        parts = [b"".join((table, *payloads)) for table, payloads in zip(tables, own, strict=True)]
+        ends = b"".join(L.STREAM.pack(len(part), crc32(table)) for part, table in zip(parts, tables, strict=True))
+    else:
+        parts = [payload for payloads in coded for payload in payloads]
+        ends = b"".join(map(_stream, parts))
+    return [NewSection(L.PICTURES, 0, fixed + ends), NewSection(L.DATA, 0, b"".join(parts))]
+
+
+def _stream(payload: bytes) -> bytes:
+    return L.STREAM.pack(len(payload), crc32(payload))
