@@ -17,20 +17,21 @@ for _folder in (ROOT, ROOT / "runtime"):
         sys.path.insert(0, str(_folder))
 
 from tinysplat_runtime.graphs.inference import CONTRACT_VERSION  # noqa: E402
+from tinysplat_runtime.system.jsonfields import JsonObject  # noqa: E402
 
 MODELS = ROOT / "models"
 MAX_IR_VERSION = 10  # what every onnxruntime that is allowed reads
 OPSET = 18
 
 
-def add_metadata(path: Path, metadata: dict[str, Any]) -> None:
+def add_metadata(path: Path, metadata: JsonObject) -> None:
     """Stamp role, contract, ranges, licence and provenance into the file; lower its IR version."""
     model = onnx.load(str(path))
     stamp(model, metadata)
     onnx.save(model, str(path))
 
 
-def stamp(model: onnx.ModelProto, metadata: dict[str, Any]) -> None:
+def stamp(model: onnx.ModelProto, metadata: JsonObject) -> None:
     """As `add_metadata`, on a model in memory."""
     model.ir_version = min(model.ir_version, MAX_IR_VERSION)
     model.producer_name, model.producer_version, model.doc_string = "tinysplat", "", ""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
 from numbers import Integral
+from types import UnionType
 from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
@@ -21,6 +22,7 @@ from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
 from .system.files import StrPath, read_limited, write_atomically
+from .system.jsonfields import JsonObject
 from .system.printable import type_of
 from .system.stopwatch import Stopwatch
 from .system.threads import available_cores
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from .codec.parts import SceneFile
     from .recipe.request import CompressKeywords, EncodeKeywords, ExportKeywords, SaveKeywords
     from .refine.stats import RefineStats
+    from .render.renderer import PictureOptions
     from .scene.cameras import Camera
     from .scene.scenes import Scene
 
@@ -333,18 +336,29 @@ class Runtime:
         from .codec.ranges import ranges_of
 
         ranges, kept = ranges_of(source), CACHE_BYTES if cache_bytes is None else cache_bytes
-        options: dict[str, Any] = {"threads": self.threads, "limits": self.limits, "model": model}
+        options: JsonObject = {"threads": self.threads, "limits": self.limits, "model": model}
         try:
             return SceneFile(ranges, self.store, cache_bytes=kept, **options)
         except BaseException:
             ranges.close()
             raise
 
-    def render(self, gaussians: Gaussians, camera: Camera, size: tuple[int, int] | None = None, **options: Any) -> Any:
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        size: tuple[int, int] | None = None,
+        *,
+        dilation: str = "own",
+        order: str = "near",
+        threads: int | None = None,
+        **options: Unpack[PictureOptions],
+    ) -> Any:
         """See `tinysplat_runtime.render.render`, whose options these are."""
         from .render import render as render_gaussians
 
-        return render_gaussians(gaussians, camera, size, **{"threads": self.threads, **options})
+        asked = self.threads if threads is None else threads
+        return render_gaussians(gaussians, camera, size, dilation=dilation, order=order, threads=asked, **options)
 
 
 class _Warner(Told):
@@ -357,7 +371,7 @@ class _Warner(Told):
             warn(f"{where}: {text}", SceneWarning)
 
 
-def _check(value: object, kinds: Any, where: str, expected: str) -> None:
+def _check(value: object, kinds: type | UnionType, where: str, expected: str) -> None:
     if not isinstance(value, kinds):
         raise InputError(f"{type_of(value)}, expected {expected}", where=where)
 
@@ -389,7 +403,12 @@ open = _door(Runtime.open)
 convert = _door(Runtime.convert)
 
 
-def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
+def load_gaussians(
+    path: StrPath,
+    grid: tuple[int, int, int] | None = None,
+    cameras: Sequence[Camera] | None = None,
+    max_bytes: int | None = None,
+) -> Gaussians:
     """Read a `.tsplat` file, or a Gaussian file of another format as `formats.table.load_gaussians` does.
 
     Raises:
@@ -400,8 +419,8 @@ def load_gaussians(path: StrPath, *arguments: Any, **options: Any) -> Gaussians:
     if not os.fspath(path).lower().endswith(SUFFIX):
         from .formats import table
 
-        return table.load_gaussians(path, *arguments, **options)
-    if arguments or options:
+        return table.load_gaussians(path, grid, cameras, **({} if max_bytes is None else {"max_bytes": max_bytes}))
+    if (grid, cameras, max_bytes) != (None, None, None):
         raise InputError("a .tsplat file has a grid and cameras of its own; expected none", where=str(path))
     try:
         return decompress(read_limited(path, MAX_FILE_BYTES))
@@ -431,7 +450,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKe
     from .recipe.export import exported, write
     from .recipe.request import HOW, CompressRequest, ExportRequest
 
-    is_ours, coding = os.fspath(path).lower().endswith(SUFFIX), dict[str, Any]()
+    is_ours, coding = os.fspath(path).lower().endswith(SUFFIX), JsonObject()
     if is_ours:
         exporting = {name for name, option in ExportRequest.options().items() if option.group != HOW}
         coding = {name: value for name, value in options.items() if name not in exporting - {"keep_all", "cameras"}}
@@ -446,7 +465,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKe
     return []
 
 
-def inspect(data: bytes) -> dict[str, Any]:
+def inspect(data: bytes) -> JsonObject:
     """What a file holds, without decoding planes; see `tinysplat_runtime.container.inspection.inspect_bytes`."""
     from .container.inspection import inspect_bytes
 

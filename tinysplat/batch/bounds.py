@@ -6,16 +6,16 @@ import contextlib
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from .jobs import BatchJob
 
 
 def bounded(
-    job: BatchJob, work: Callable[[BatchJob], dict[str, Any]], timeout: float | None, memory: int | None
-) -> dict[str, Any]:
+    job: BatchJob, work: Callable[[BatchJob], JsonObject], timeout: float | None, memory: int | None
+) -> JsonObject:
     """Run a job within bounds; another attempt would end the same way.
 
     Args:

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from ..children import settle_worker, starting_workers
 from .jobs import BatchJob
 
-Work = Callable[[BatchJob], dict[str, Any]]
+Work = Callable[[BatchJob], JsonObject]
 
 AHEAD = 2
 """Jobs handed out per worker: the next one is there when one ends."""
@@ -38,7 +39,7 @@ class Outcome:
     """
 
     job: BatchJob
-    record: dict[str, Any] | None
+    record: JsonObject | None
     error: str | None
     attempts: int
 
@@ -67,7 +68,7 @@ def _pool(
     queue: deque[tuple[BatchJob, int]], work: Work, workers: int, attempts: int, suspects: list[tuple[BatchJob, int]]
 ) -> Iterator[Outcome]:
     """Run jobs of `queue` until it is empty or a process dies; the jobs then under way are added to `suspects`."""
-    running: dict[Future[dict[str, Any]], tuple[BatchJob, int]] = {}
+    running: dict[Future[JsonObject], tuple[BatchJob, int]] = {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer=settle_worker) as pool:
         while (queue or running) and not suspects:
@@ -125,7 +126,7 @@ def run_ray(
 
 def _ray_tasks(ray: Any, jobs: Sequence[BatchJob], work: Work, attempts: int) -> Iterator[Outcome]:
 
-    def begin(job: BatchJob) -> dict[str, Any]:
+    def begin(job: BatchJob) -> JsonObject:
         return work(job)
 
     task = ray.remote(num_cpus=1, max_retries=0)(begin)  # attempts are counted here, whatever ended them
@@ -157,6 +158,6 @@ def _may_pass(error: BaseException) -> bool:
     return not isinstance(error, TinySplatError)
 
 
-def _outcome(job: BatchJob, record: dict[str, Any] | None, error: BaseException | None, attempt: int) -> Outcome:
+def _outcome(job: BatchJob, record: JsonObject | None, error: BaseException | None, attempt: int) -> Outcome:
     text = None if error is None else " ".join(str(error).split())[:300] or type(error).__name__
     return Outcome(job, record, text, attempt)

@@ -8,9 +8,9 @@ import os
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from .jobs import BatchJob, worker_runtime
 from .storage import local_folder, write
@@ -22,7 +22,7 @@ MEANS = ("psnr", "psnr_raw", "psnr_decoded_raw", "ssim", "ssim_raw", "bytes")
 """What of a scene's records goes into the batch's results, averaged over its windows."""
 
 
-def evaluate(job: BatchJob, threads: int = 1) -> dict[str, Any]:
+def evaluate(job: BatchJob, threads: int = 1) -> JsonObject:
     """Measure all windows of a scene (its `eval_index.json`, or a Gaussian file) in this process.
 
     Returns:

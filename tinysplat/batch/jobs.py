@@ -8,7 +8,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path, PureWindowsPath
@@ -25,6 +25,7 @@ from tinysplat_runtime.recipe.options import Options, option
 from tinysplat_runtime.recipe.report import encode_report
 from tinysplat_runtime.recipe.request import RATE, EncodeRequest, rates_of
 from tinysplat_runtime.system.files import is_plain_name
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.told import Told
 
 from .storage import join, local_folder, read, write
@@ -96,7 +97,7 @@ class _Recorder(Told):
     listens = True
 
 
-def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
+def encode(job: BatchJob, threads: int = 1) -> JsonObject:
     """Code a scene in this process, which keeps its graphs from job to job.
 
     Returns:
@@ -134,13 +135,11 @@ def encode(job: BatchJob, threads: int = 1) -> dict[str, Any]:
 
 def _local(request: EncodeRequest, local: Callable[[str], str]) -> EncodeRequest:
     """A request of paths and URLs as one of this machine's paths."""
-    places: dict[str, Any] = {
-        name: local(str(place)) for name in PLACES if (place := getattr(request, name)) is not None
-    }
+    places: JsonObject = {name: local(str(place)) for name in PLACES if (place := getattr(request, name)) is not None}
     return replace(request, scene=local(str(request.scene)), **places)
 
 
-def is_done(job: BatchJob, record: dict[str, Any] | None) -> bool:
+def is_done(job: BatchJob, record: JsonObject | None) -> bool:
     """Whether a record of an earlier run stands for this job and its file is whole."""
     if not record or record.get("status") != "done" or record.get("fingerprint") != job.fingerprint:
         return False
@@ -157,12 +156,7 @@ def is_done(job: BatchJob, record: dict[str, Any] | None) -> bool:
 
 
 def read_manifest(
-    text: str,
-    folder: str,
-    defaults: Mapping[str, Any],
-    base: str = "",
-    task: str = "encode",
-    allowed: Collection[str] = (),
+    text: str, folder: str, defaults: JsonObject, base: str = "", task: str = "encode", allowed: Collection[str] = ()
 ) -> list[BatchJob]:
     """Jobs of a manifest: a scene per line, or per line a JSON object.
 
@@ -193,9 +187,7 @@ def read_manifest(
     return jobs
 
 
-def _job(
-    line: str, folder: str, defaults: Mapping[str, Any], base: str, task: str, allowed: Collection[str]
-) -> BatchJob:
+def _job(line: str, folder: str, defaults: JsonObject, base: str, task: str, allowed: Collection[str]) -> BatchJob:
     entry: Any = {"scene": line}
     if line.startswith("{"):
         try:
@@ -216,9 +208,7 @@ def _job(
     return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder, task)
 
 
-def _asked(
-    name: str, scene: str, entry: dict[str, Any], defaults: Mapping[str, Any], folder: str, task: str
-) -> BatchJob:
+def _asked(name: str, scene: str, entry: JsonObject, defaults: JsonObject, folder: str, task: str) -> BatchJob:
     """A job of an entry's options, each of which replaces the batch's, and those that it contradicts."""
     if entry.get("auto"):
         entry["views"] = f"auto:{entry['auto']}"
@@ -230,7 +220,7 @@ def _asked(
     return BatchJob(name, EncodeRequest(scene, **values), join(folder, name + SUFFIXES[task]), keep, task)
 
 
-def _places(entry: Mapping[str, Any], base: str) -> dict[str, str]:
+def _places(entry: JsonObject, base: str) -> dict[str, str]:
     """The paths of an entry, counted from `base`."""
     return {name: _placed(entry[name], base) for name in PLACES if isinstance(entry.get(name), str) and entry[name]}
 

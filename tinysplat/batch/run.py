@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from .engines import Outcome
 from .jobs import BatchJob, is_done
@@ -25,10 +25,10 @@ def run_batch(
     jobs: Sequence[BatchJob],
     folder: str,
     engine: Engine,
-    progress: Callable[[dict[str, Any]], None],
+    progress: Callable[[JsonObject], None],
     *,
     only_failed: bool = False,
-) -> dict[str, Any]:
+) -> JsonObject:
     """Run what is not done yet.
 
     Args:
@@ -72,7 +72,7 @@ def run_batch(
     return dict(json.loads(data))
 
 
-def _earlier(place: str) -> dict[str, Any]:
+def _earlier(place: str) -> JsonObject:
     data = read(place)
     if data is None:
         return {}
@@ -83,17 +83,17 @@ def _earlier(place: str) -> dict[str, Any]:
     return scenes if isinstance(scenes, dict) else {}
 
 
-def _record(outcome: Outcome) -> dict[str, Any]:
+def _record(outcome: Outcome) -> JsonObject:
     job = outcome.job
     record = {"status": "failed" if outcome.error else "done", "scene": job.scene, "output": job.output}
     extra = {"error": outcome.error} if outcome.error else (outcome.record or {})
     return {**record, **extra, "attempts": outcome.attempts, "fingerprint": job.fingerprint}
 
 
-def _document(jobs: Sequence[BatchJob], records: dict[str, Any], skipped: int, rate: float) -> bytes:
+def _document(jobs: Sequence[BatchJob], records: JsonObject, skipped: int, rate: float) -> bytes:
     ordered = {job.name: records[job.name] for job in jobs if job.name in records}
     states = [record["status"] for record in ordered.values()]
-    totals: dict[str, Any] = {"done": states.count("done"), "failed": states.count("failed"), "skipped": skipped}
+    totals: JsonObject = {"done": states.count("done"), "failed": states.count("failed"), "skipped": skipped}
     means = [record["means"] for record in ordered.values() if "means" in record]
     if means:
         totals["means"] = {name: _mean([m.get(name) for m in means]) for name in means[0]}

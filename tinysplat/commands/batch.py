@@ -8,7 +8,6 @@ from argparse import SUPPRESS, ArgumentParser, Namespace
 from collections import deque
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import Work, run_processes, run_ray
@@ -21,6 +20,7 @@ from tinysplat_runtime.cli.given import asked
 from tinysplat_runtime.cli.options import add_options, add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import VIDEO, EncodeRequest
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
@@ -131,7 +131,7 @@ def _manifest(place: str) -> str:
     return text
 
 
-def _say(said: deque[str], record: dict[str, Any], *, as_json: bool, quiet: bool) -> None:
+def _say(said: deque[str], record: JsonObject, *, as_json: bool, quiet: bool) -> None:
     """A scene that ended: a JSON object, a line of a log, or on a terminal the line that says what goes on."""
     what = record.get("error") or f"{record.get('bytes', 0)} bytes, {record.get('seconds', 0):.1f} s"
     warning = f"; warning: {record['warning']}" if "warning" in record else ""

@@ -14,11 +14,12 @@ from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages,
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources
-from tinysplat_runtime.api import DEFAULT_MODEL, Runtime
+from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.system.progress import progress
 

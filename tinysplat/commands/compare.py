@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any
 
 from tinysplat.measure.show.sheets import Sheet, gaussian_sheet, picture_sheet, result_sheets, write_sheet
 from tinysplat.measure.show.tables import format_table, number
@@ -18,6 +17,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_cameras
 from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.progress import progress
 
 HELP = "two results side by side, with maps of their error"
@@ -91,7 +91,7 @@ def _cameras(named: str | None, gaussians: tuple[Gaussians, Gaussians]) -> list[
     return cameras
 
 
-def _table(entries: list[dict[str, Any]]) -> str:
+def _table(entries: list[JsonObject]) -> str:
     rows = [(entry["sheet"], view) for entry in entries for view in entry["views"]]
     columns = list(dict.fromkeys(key for _, view in rows for key in view if key != "view"))
     header = ["sheet", "view", *(column.replace("_", " ") for column in columns)]

@@ -8,7 +8,6 @@ import time
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import BACKBONE_FILES, find_lpips
@@ -19,12 +18,13 @@ from tinysplat.measure.show.tables import within
 from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
-from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.cli.arguments import budget, indices, size
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.threads import available_cores
 
 HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
@@ -174,7 +174,7 @@ def _natural_size(sources: Sequence[Source]) -> tuple[int, int]:
     return SPECS[chunks[0].dataset].size if chunks else DEFAULT_SIZE
 
 
-def _write(folder: Path, copy: str | None, document: dict[str, Any]) -> None:
+def _write(folder: Path, copy: str | None, document: JsonObject) -> None:
     data = (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
     for path in [str(folder / RESULTS), *filter(None, [copy])]:
         write_atomically(path, data)

@@ -19,7 +19,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from tinysplat_runtime.scene.images import MAX_PIXELS
 from tinysplat_runtime.scene.intake.realestate import pose_of
 from tinysplat_runtime.scene.lenses import intrinsics
 from tinysplat_runtime.system.files import StrPath, check_readable
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from .indices import read_object
 from .specs import DatasetSpec
@@ -172,7 +172,7 @@ def _scaled_size(shape: tuple[int, int], size: tuple[int, int]) -> tuple[int, in
 
 
 @lru_cache(maxsize=1)
-def _load_chunk(path: str, _modified: int) -> dict[str, Any]:
+def _load_chunk(path: str, _modified: int) -> JsonObject:
     """Scenes of a chunk by key; the last chunk is kept, as its scenes are asked for one after another."""
     import torch
 
@@ -186,7 +186,7 @@ def _load_chunk(path: str, _modified: int) -> dict[str, Any]:
     return {scene["key"]: scene for scene in scenes}
 
 
-def _parse_scene(scene: dict[str, Any], key: str, where: str, spec: DatasetSpec) -> ChunkScene:
+def _parse_scene(scene: JsonObject, key: str, where: str, spec: DatasetSpec) -> ChunkScene:
     import torch
 
     cameras, images = scene.get("cameras"), scene.get("images")

@@ -8,6 +8,7 @@ from typing import Any
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import StrPath, read_limited
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 MAX_INDEX_BYTES = 64 * 1000 * 1000
 """RealEstate10K's, the largest there is, takes half a megabyte."""
@@ -31,7 +32,7 @@ def read_paper_index(path: StrPath) -> dict[str, PaperWindow]:
     return {key: _window(entry, f"{path}: {key}") for key, entry in document.items() if entry is not None}
 
 
-def read_object(path: StrPath, max_bytes: int, what: str) -> dict[str, Any]:
+def read_object(path: StrPath, max_bytes: int, what: str) -> JsonObject:
     """The object in a JSON file of at most `max_bytes`; InputError names the file, and says `what` was expected."""
     try:
         document = json.loads(read_limited(path, max_bytes))
@@ -48,7 +49,7 @@ def _window(entry: Any, where: str) -> PaperWindow:
     return PaperWindow(frame_indices(entry, "context", where), frame_indices(entry, "target", where))
 
 
-def frame_indices(entry: dict[str, Any], name: str, where: str) -> tuple[int, ...]:
+def frame_indices(entry: JsonObject, name: str, where: str) -> tuple[int, ...]:
     """A list of frame indices ≥ 0 out of a JSON object, at least one of them."""
     value = entry.get(name)
     if not isinstance(value, list) or not all(type(i) is int and i >= 0 for i in value):

@@ -53,10 +53,10 @@ class Variant:
     """
 
     name: str
-    run: Callable[[], Any]
+    run: Callable[[], object]
     figures: Callable[[Any], Figures] = lambda _: {}
     setting: Mapping[str, Any] = field(default_factory=dict)
-    baseline: Callable[[], Any] | None = None
+    baseline: Callable[[], object] | None = None
 
 
 def measure(
@@ -94,7 +94,7 @@ def measure(
     return rows
 
 
-def timed(run: Callable[[], Any]) -> Times:
+def timed(run: Callable[[], object]) -> Times:
     """Time one call, without the garbage collector."""
     gc.collect()
     gc.disable()

@@ -32,6 +32,7 @@ from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
@@ -160,7 +161,7 @@ class Prepared:
     per_image: dict[str, list[float]]
     covered: tuple[NDArray, ...] | None
     zooms: dict[float, Zoom]
-    shared: dict[str, Any]
+    shared: JsonObject
 
     @classmethod
     def of(cls, job: WindowJob, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
@@ -182,7 +183,7 @@ class Prepared:
         return cls(pictures, per_image, covered, {factor: Zoom.of(job, factor) for factor in quality.zooms}, shared)
 
 
-def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime) -> tuple[Case, dict[str, Any]]:
+def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime) -> tuple[Case, JsonObject]:
     """The case with its Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
     if case.shots is None or case.shots.scene is None:
         raise InputError("only windows of scene folders can be refined", where=case.name)
@@ -317,13 +318,13 @@ def _safe(text: str) -> str:
 # ---- condensed ---------------------------------------------------------------------------------------------------
 
 
-def record(row: Row) -> dict[str, Any]:
+def record(row: Row) -> JsonObject:
     """A row as `eval --json` has it under `scenes`: one flat object, seconds under their own name."""
     setting = {name: value for name, value in row.setting.items() if name != "size"}
     return {**setting, **row.figures, "seconds": dict(row.costs)}
 
 
-def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> dict[str, Any]:
+def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> JsonObject:
     """The object that `eval --json` writes.
 
     `scenes` has one entry per window and coding, `mean` the means over all of them, and `groups` the means of those
@@ -345,7 +346,7 @@ def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> d
     }
 
 
-def groups_of(rows: Iterable[Row]) -> list[tuple[dict[str, Any], list[Row]]]:
+def groups_of(rows: Iterable[Row]) -> list[tuple[JsonObject, list[Row]]]:
     """Rows that differ in scene and window alone, with the values of IDENTITY, in order of first appearance."""
     groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
@@ -365,14 +366,14 @@ def mean_of(values: Sequence[Any]) -> Any:
     return float(np.mean(present))
 
 
-def mean_of_rows(rows: Sequence[Row]) -> dict[str, Any]:
+def mean_of_rows(rows: Sequence[Row]) -> JsonObject:
     """Means over rows of every figure and of `seconds`, every row counting once."""
     skipped = ("per_image", "pictures", "height", "width")
     averaged = [{**row.figures, "seconds": row.costs} for row in rows]
     return mean_of([{name: value for name, value in entry.items() if name not in skipped} for entry in averaged])
 
 
-def mean_of_scenes(rows: Sequence[Row]) -> dict[str, Any]:
+def mean_of_scenes(rows: Sequence[Row]) -> JsonObject:
     """Means over scenes of each scene's means: a scene with many windows weighs no more than one with few."""
     return mean_of([mean_of_rows(members) for members in grouped(rows, "scene").values()])
 

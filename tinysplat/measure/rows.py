@@ -16,7 +16,7 @@ import platform
 import re
 import subprocess
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -27,6 +27,7 @@ from tinysplat_runtime import __version__
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.system.files import StrPath, read_limited
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.threads import available_cores
 
 ROWS = "rows.jsonl"
@@ -72,7 +73,7 @@ class Row:
         """The median of what was timed, or None."""
         return self.costs.get("seconds")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> JsonObject:
         """A JSON-ready object without what is empty; numbers that JSON lacks become words."""
         return {name: _plain(value) for name, value in asdict(self).items() if value not in ("", {})}
 
@@ -105,7 +106,7 @@ class RowFile:
                 with self.path.open("r+b") as file:
                     file.truncate(len(whole))
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[Row]:
         """Rows, the latest of every key."""
         return iter({row.key: row for row in self._rows.values()}.values())
 
@@ -146,7 +147,7 @@ def of_study(rows: Iterable[Row], study: str) -> list[Row]:
     return [row for row in rows if row.study == study]
 
 
-def digest(*parts: Any) -> str:
+def digest(*parts: object) -> str:
     """A short hash of JSON-ready values."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:_HASH_LENGTH]
 
@@ -240,7 +241,7 @@ DEPENDED_ON = ("runtime", "tinysplat", "models", *(f":!{folder}" for folder in (
 _VECTOR_FLAGS = ("avx2", "avx512f", "avx512_vnni", "amx_tile", "asimd", "sve")
 
 
-def describe_machine() -> dict[str, Any]:
+def describe_machine() -> JsonObject:
     """Processor, memory, load and versions, JSON-ready."""
     import av
 
@@ -273,7 +274,7 @@ def describe_machine() -> dict[str, Any]:
     }
 
 
-def run_row(way: str, began: float, **setting: Any) -> Row:
+def run_row(way: str, began: float, **setting: object) -> Row:
     """What a run was made on, which began at `time.perf_counter() == began`."""
     machine = describe_machine()
     return Row(RUN, machine["time"], way, setting, machine, {"seconds": time.perf_counter() - began})

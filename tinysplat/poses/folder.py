@@ -10,7 +10,6 @@ import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from tinysplat_runtime.scene.intake.nerfstudio import OPENGL_TO_OPENCV
 from tinysplat_runtime.scene.lenses import Lens
 from tinysplat_runtime.scene.scenes import Frame
 from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.progress import progress
 
 from .placing import encoded
@@ -34,7 +34,7 @@ Points = tuple[NDArray, NDArray, NDArray]
 def write_folder(
     output: Path,
     photos: Path,
-    entries: Sequence[dict[str, Any]],
+    entries: Sequence[JsonObject],
     depths: tuple[float | None, float | None],
     points: Points,
     *,
@@ -75,7 +75,7 @@ def write_folder(
     return [str(entry["name"]) for entry in order]
 
 
-def _written(output: Path, photos: Path, entry: dict[str, Any]) -> tuple[str, Camera, Lens]:
+def _written(output: Path, photos: Path, entry: JsonObject) -> tuple[str, Camera, Lens]:
     """A photo without distortion, of its own size and kind; its place in the folder, its camera and its lens."""
     camera, name = entry["camera"], str(entry["name"])
     lens = Lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
@@ -86,11 +86,11 @@ def _written(output: Path, photos: Path, entry: dict[str, Any]) -> tuple[str, Ca
     return file, frame.camera, lens
 
 
-def _write_json(path: Path, document: dict[str, Any]) -> None:
+def _write_json(path: Path, document: JsonObject) -> None:
     write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
-def transforms(frames: Sequence[tuple[str, Camera]], depths: tuple[float | None, float | None]) -> dict[str, Any]:
+def transforms(frames: Sequence[tuple[str, Camera]], depths: tuple[float | None, float | None]) -> JsonObject:
     """A `transforms.json` of photos and their cameras."""
     entries = [
         {

@@ -6,7 +6,6 @@ import argparse
 import signal
 import sys
 from pathlib import Path
-from typing import Any
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.system.progress import still_there
@@ -57,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _interrupt(signum: int, frame: Any) -> None:
+def _interrupt(signum: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 

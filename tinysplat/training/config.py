@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from tinysplat.networks.edge import MIN_SIDE, STRIDE
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from .losses import LossWeights
 
@@ -105,7 +106,7 @@ class Config:
     optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
     run: RunSettings = field(default_factory=RunSettings)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Plain numbers and strings, for the checkpoint; of folders only their names."""
         content = asdict(self)
         for name in ("photos", "pictures", "validation"):
@@ -144,11 +145,11 @@ def load_config(path: Path, **given: str) -> Config:
     return Config(DataSettings(**{**data, **given}), config.loss, config.optimiser, replace(config.run, device=device))
 
 
-def _section(kind: type[_Section], values: dict[str, Any], where: str) -> _Section:
+def _section(kind: type[_Section], values: JsonObject, where: str) -> _Section:
     """A settings class out of a TOML table, types checked against its defaults."""
     default = kind()
     known = {entry.name for entry in fields(default)}  # type: ignore[arg-type]
-    found: dict[str, Any] = {}
+    found: JsonObject = {}
     for name, value in values.items():
         if name not in known:
             raise InputError(f"unknown key, expected one of {', '.join(sorted(known))}", where=f"{where}: {name}")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from ..system.jsonfields import JsonObject
 
 MOST_LISTED = 12
 """Views whose bytes `info` lists one by one."""
 
 
-def describe_gaussians(file: str) -> dict[str, Any]:
+def describe_gaussians(file: str) -> JsonObject:
     """Format, size, number, degree, extent and notes of a Gaussian file, ready for JSON.
 
     Raises:
@@ -42,7 +43,7 @@ def describe_gaussians(file: str) -> dict[str, Any]:
     }
 
 
-def gaussians_text(about: dict[str, Any]) -> str:
+def gaussians_text(about: JsonObject) -> str:
     """The same as text."""
     low, high = (", ".join(f"{value:.4g}" for value in corner) for corner in about["box"])
     views = (
@@ -60,7 +61,7 @@ def gaussians_text(about: dict[str, Any]) -> str:
     )
 
 
-def info_text(file: str, described: dict[str, Any]) -> str:
+def info_text(file: str, described: JsonObject) -> str:
     """`inspect`'s object as the text that `info` prints."""
     d = described
     total = d["bytes"]
@@ -104,7 +105,7 @@ def _view_lines(sizes: Sequence[int]) -> list[str]:
     return ["views        bytes", *(f"{word:<9} {n:8}  view {sizes.index(n)}" for word, n in spread), ""]
 
 
-def _prefix_lines(prefixes: Sequence[dict[str, Any]]) -> list[str]:
+def _prefix_lines(prefixes: Sequence[JsonObject]) -> list[str]:
     """Useful prefixes; of files whose views are units, some that end with a view."""
     if not prefixes or "views" not in prefixes[0]:
         return [f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in prefixes]
@@ -112,7 +113,7 @@ def _prefix_lines(prefixes: Sequence[dict[str, Any]]) -> list[str]:
     return [f"{prefixes[n]['bytes']:11}  views up to {n}" for n in shown]
 
 
-def _views_text(d: dict[str, Any]) -> str:
+def _views_text(d: JsonObject) -> str:
     if not d["views"]:
         return f"a list of {d['gaussians']} Gaussians of SH degree {d['sh_degree']}, k = {d['k']}"
     views = f"{d['views']} views of {d['width']}x{d['height']}"
@@ -121,7 +122,7 @@ def _views_text(d: dict[str, Any]) -> str:
     return f"{views}, {d['gaussians']} Gaussians in {len(d['layers'])} layers, SH degree {d['sh_degree']}, k = {d['k']}"
 
 
-def _network_lines(d: dict[str, Any]) -> list[str]:
+def _network_lines(d: JsonObject) -> list[str]:
     if d["network"] is None:
         return []
     network, photos = d["network"], d["photos"]
@@ -131,14 +132,14 @@ def _network_lines(d: dict[str, Any]) -> list[str]:
     ]
 
 
-def _plane_text(plane: dict[str, Any]) -> str:
+def _plane_text(plane: JsonObject) -> str:
     if plane["coding"] == "constant":
         return f"{plane['layer']:5} {plane['name']:11} constant   –  = {plane['value']:<10.4g} {plane['bytes']:7}"
     coding = f"{plane['coding']:8} {plane['qp']:3} {plane['step']:12.4g}"
     return f"{plane['layer']:5} {plane['name']:11} {coding} {plane['bytes']:8}"
 
 
-def _left_out_text(entry: dict[str, Any]) -> str:
+def _left_out_text(entry: JsonObject) -> str:
     facts = {key: value for key, value in entry.items() if key not in ("layer", "what", "why")}
     rest = [f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in facts.items()]
     return (

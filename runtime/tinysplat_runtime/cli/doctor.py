@@ -8,13 +8,13 @@ import platform
 import re
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 from .. import __version__
 from ..errors import TinySplatError
 from ..graphs.artifacts import load_manifest, models_dir
 from ..graphs.inference import onnxruntime
 from ..graphs.providers import Provider, known_providers
+from ..system.jsonfields import JsonObject
 from ..system.threads import available_cores
 from .trial import ran_by
 
@@ -26,13 +26,13 @@ _BASE = ("numpy", "onnxruntime", "av")
 _CODECS = (("libx265", "w"), ("hevc", "r"), ("png", "r"), ("mjpeg", "r"), ("libx264", "w"))
 
 
-def examine(asked: Sequence[Provider] | None = None) -> dict[str, Any]:
+def examine(asked: Sequence[Provider] | None = None) -> JsonObject:
     """JSON-ready: versions, machine, providers, codecs, models, extras, and in `wrong` a line per fault.
 
     Where providers are asked for, `graphs` says how many nodes of each graph each of them ran on a made scene.
     """
     wrong: list[str] = []
-    report: dict[str, Any] = {
+    report: JsonObject = {
         "tinysplat": __version__,
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}, {available_cores()} cores",
@@ -47,7 +47,7 @@ def examine(asked: Sequence[Provider] | None = None) -> dict[str, Any]:
     return {**report, "wrong": wrong}
 
 
-def text(report: dict[str, Any]) -> str:
+def text(report: JsonObject) -> str:
     """`examine`'s account for reading."""
     lines = [f"tinysplat {report['tinysplat']}, Python {report['python']}, {report['machine']}"]
     for section in ("packages", "codecs", "models", "extras"):

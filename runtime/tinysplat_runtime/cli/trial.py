@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..api import DEFAULT_MODEL, Runtime
+from ..api import Runtime
 from ..errors import TinySplatError
+from ..graphs import DEFAULT_MODEL
 from ..graphs.inference import GraphStore
 from ..graphs.predict import predict
 from ..graphs.providers import Provider

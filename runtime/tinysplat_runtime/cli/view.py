@@ -13,7 +13,6 @@ from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 from urllib.parse import urlsplit
 
 from numpy.typing import NDArray
@@ -150,7 +149,7 @@ def serve(
             if self.command != "HEAD":
                 self.wfile.write(body)
 
-        def log_message(self, format: str, *args: Any) -> None:
+        def log_message(self, format: str, *args: object) -> None:
             """Requests are nobody's concern."""
 
     with http.server.ThreadingHTTPServer(("127.0.0.1", port_number), Handler) as server:

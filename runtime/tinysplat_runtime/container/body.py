@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from numpy.typing import NDArray
 
@@ -18,6 +18,7 @@ from ..errors import FormatError
 from ..gaussian.notes import Notes
 from ..gaussian.planes import PlaneClass
 from ..scene.cameras import Camera
+from ..system.jsonfields import JsonObject
 from . import layout as L
 from .cameras import cameras_of, layer_cameras, read_numbers
 from .records import ChannelRecord, Limits
@@ -116,10 +117,10 @@ class Description:
     gaussians: int | None = None
     sh_degree: int | None = None
     k: int | None = None
-    network: dict[str, Any] | None = None
-    photos: dict[str, Any] | None = None
-    layers: tuple[dict[str, Any], ...] = ()
-    left_out: tuple[dict[str, Any], ...] = ()
+    network: JsonObject | None = None
+    photos: JsonObject | None = None
+    layers: tuple[JsonObject, ...] = ()
+    left_out: tuple[JsonObject, ...] = ()
     tiers: tuple[int, ...] = ()
     viewpoints: tuple[Camera, ...] = ()
 

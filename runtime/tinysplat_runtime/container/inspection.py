@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ..gaussian.notes import OPTIONS
 from ..gaussian.planes import CODING_ORDER, hevc_step
+from ..system.jsonfields import JsonObject
 from .body import Body, Container
 from .reader import read_container
 from .records import ChannelRecord, Limits
 
 
-def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool = False) -> dict[str, Any]:
+def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool = False) -> JsonObject:
     """Describe a file.
 
     Args:
@@ -82,9 +81,9 @@ def _bytes(container: Container) -> tuple[dict[str, int], list[int]]:
     return by_class, by_view
 
 
-def _plane(index: int, channel: ChannelRecord) -> dict[str, Any]:
+def _plane(index: int, channel: ChannelRecord) -> JsonObject:
     lengths = [picture.length for picture in channel.pictures]
-    entry: dict[str, Any] = {
+    entry: JsonObject = {
         "layer": index,
         "name": channel.name,
         "class": channel.plane_class.label,

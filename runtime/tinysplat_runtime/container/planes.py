@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from numpy.typing import NDArray
 
 from ..gaussian.notes import NO_NOTES, Notes
 from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, PlaneClass
 from ..scene.cameras import Camera
+from ..system.jsonfields import JsonObject
 from . import layout as L
 from .body import Body, Description, Opened, check_totals
 from .bounds import check_ranges, decoding_bytes
@@ -106,7 +107,7 @@ def _rows(layers: Sequence[CodedLayer]) -> Iterator[CodedRow]:
             yield from ((index, c) for i, c in enumerate(of_class) if pass_of(plane_class, i) == number)
 
 
-def _described(layer: LayerHeader) -> dict[str, Any]:
+def _described(layer: LayerHeader) -> JsonObject:
     return {
         "height": layer.height,
         "width": layer.width,
@@ -121,8 +122,8 @@ def _described(layer: LayerHeader) -> dict[str, Any]:
     }
 
 
-def _left_out(index: int, layer: LayerHeader) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = []
+def _left_out(index: int, layer: LayerHeader) -> list[JsonObject]:
+    entries: list[JsonObject] = []
     d, k = 3 * (layer.degree + 1) ** 2, layer.k
     if layer.degree < layer.source_degree:
         saved = 2 * k * (3 * (layer.source_degree + 1) ** 2 - d)  # of the basis, and its time and memory in a decoder

@@ -10,11 +10,11 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import Any
 from zlib import crc32
 
 from ..errors import FormatError
 from ..gaussian.planes import MAX_DECODED, MAX_QP, PlaneClass
+from ..system.jsonfields import JsonObject
 from . import layout as L
 from .records import ChannelRecord, CodedChannel, Picture
 from .sections import Cursor, NewSection, Section
@@ -55,7 +55,7 @@ class Table:
         """A picture's bytes; FormatError where they are cut off or not those that were written."""
         return channel.pictures[view].checked(f"plane {channel.name}, view {self.views[view]}")
 
-    def prefixes(self, step: Callable[[int, ChannelRecord, int], Hashable]) -> list[dict[str, Any]]:
+    def prefixes(self, step: Callable[[int, ChannelRecord, int], Hashable]) -> list[JsonObject]:
         """Useful numbers for `--max-bytes`: where a step ends, and what it adds to those before it.
 
         Rows of one step stand together: between them a prefix decodes as well, but can show less than without them.
@@ -64,7 +64,7 @@ class Table:
         if self.parts:
             ends = (start + length for start, length in self.parts)
             return [{"bytes": end, "views": view + 1} for view, end in enumerate(ends)]
-        prefixes: list[dict[str, Any]] = []
+        prefixes: list[JsonObject] = []
         counts: dict[tuple[int, PlaneClass], int] = {}
         before: Hashable = None
         for layer, record in self.rows:

@@ -18,10 +18,9 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,7 @@ from ..gaussian.notes import Notes
 from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
+from ..system.jsonfields import JsonObject
 from .assembly import cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
 from .spz import fixed_points
@@ -70,9 +70,9 @@ class _Body:
         losses: what could not be kept.
     """
 
-    extension: dict[str, Any]
+    extension: JsonObject
     required: tuple[str, ...]
-    accessors: dict[str, dict[str, Any]]
+    accessors: dict[str, JsonObject]
     chunks: tuple[NDArray, ...]
     losses: list[str]
 
@@ -109,7 +109,7 @@ def _plain(gaussians: Gaussians) -> _Body:
     arrays = _attributes(gaussians)
     accessors = {}
     for i, (name, array) in enumerate(arrays.items()):
-        accessor: dict[str, Any] = {"bufferView": i, "count": len(array), "componentType": _FLOAT}
+        accessor: JsonObject = {"bufferView": i, "count": len(array), "componentType": _FLOAT}
         accessor["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
         if name == "POSITION":
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
@@ -126,7 +126,7 @@ def _packed(gaussians: Gaussians, pack: Pack) -> _Body:
     low, high = (np.ldexp(ends, -bits).tolist() for ends in (fixed.min(axis=0), fixed.max(axis=0)))
     types = {"POSITION": "VEC3", "COLOR_0": "VEC4", f"{EXTENSION}:ROTATION": "VEC4", f"{EXTENSION}:SCALE": "VEC3"}
     types |= dict.fromkeys(_sh_names(1, min(gaussians.degree, MAX_GLTF_DEGREE)), "VEC3")
-    accessors: dict[str, dict[str, Any]] = {
+    accessors: dict[str, JsonObject] = {
         name: {"count": gaussians.count, "componentType": _FLOAT, "type": kind} for name, kind in types.items()
     }
     accessors["POSITION"] |= {"min": low, "max": high}
@@ -159,9 +159,9 @@ def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
     return {**arrays, "COLOR_0": np.rint(fallback * 65535).astype("<u2")}
 
 
-def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> dict[str, Any]:
+def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> JsonObject:
     """The JSON, but for a buffer's address."""
-    views: list[dict[str, Any]] = []
+    views: list[JsonObject] = []
     offset = 0
     for chunk in body.chunks:
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": chunk.nbytes})
@@ -173,11 +173,11 @@ def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> d
         "mode": 0,
         "extensions": {EXTENSION: body.extension},
     }
-    nodes: list[dict[str, Any]] = [{"name": "gaussians", "mesh": 0}]
+    nodes: list[JsonObject] = [{"name": "gaussians", "mesh": 0}]
     if gaussians.origin.any():
         nodes[0]["translation"] = (gaussians.origin * HALF_TURN).tolist()
     nodes += [_camera_node(v, camera) for v, camera in enumerate(cameras)]
-    document: dict[str, Any] = {
+    document: JsonObject = {
         "asset": _asset(gaussians.notes),
         "extensionsUsed": list(body.required or (EXTENSION,)),
         "scene": 0,
@@ -195,21 +195,21 @@ def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> d
     return document
 
 
-def _asset(notes: Notes) -> dict[str, Any]:
-    asset: dict[str, Any] = {"version": "2.0", "generator": "tinysplat"}
+def _asset(notes: Notes) -> JsonObject:
+    asset: JsonObject = {"version": "2.0", "generator": "tinysplat"}
     said = [text for text in (notes.attribution, notes.licence) if text]
     if said:
         asset["copyright"] = "; ".join(said)
     return {**asset, "extras": notes.given()} if notes else asset
 
 
-def _camera_node(v: int, camera: Camera) -> dict[str, Any]:
+def _camera_node(v: int, camera: Camera) -> JsonObject:
     """glTF's cameras look along −z with y up, which is the half turn of OpenCV's, as the world's is."""
     matrix = FRAME @ camera.c2w @ FRAME
     return {"name": f"view {v}", "camera": v, "matrix": matrix.T.ravel().tolist()}  # column by column
 
 
-def _perspective(camera: Camera) -> dict[str, Any]:
+def _perspective(camera: Camera) -> JsonObject:
     fx, fy = float(camera.K[0, 0]), float(camera.K[1, 1])
     perspective = {
         "yfov": 2 * math.atan(camera.height / (2 * fy)),
@@ -220,7 +220,7 @@ def _perspective(camera: Camera) -> dict[str, Any]:
     return {"type": "perspective", "perspective": perspective, "extras": extras}
 
 
-def _write_glb(path: Path, document: Mapping[str, Any], chunks: Sequence[NDArray]) -> None:
+def _write_glb(path: Path, document: JsonObject, chunks: Sequence[NDArray]) -> None:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     size = sum(-(-chunk.nbytes // 4) * 4 for chunk in chunks)

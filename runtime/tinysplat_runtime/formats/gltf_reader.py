@@ -19,7 +19,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 from urllib.parse import unquote
 
 import numpy as np
@@ -30,6 +30,7 @@ from ..gaussian.notes import NAMES
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..scene.cameras import Camera
 from ..system.files import parsing, read_limited
+from ..system.jsonfields import JsonObject
 from .arrays import viewpoint_arrays
 from .assembly import joined
 from .axes import half_turned
@@ -91,7 +92,7 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
     return {**half_turned(joined(parts)), **viewpoint_arrays(views)}
 
 
-def read_gltf_notes(path: Path) -> dict[str, Any]:
+def read_gltf_notes(path: Path) -> JsonObject:
     """What `asset` says about the scene: fields of `Notes`."""
     size = path.stat().st_size  # which `read_gltf` has held against its bound
     asset = _object(_File(path, max_bytes=size).document.get("asset"))
@@ -100,7 +101,7 @@ def read_gltf_notes(path: Path) -> dict[str, Any]:
     return known or ({"attribution": asset["copyright"]} if isinstance(asset.get("copyright"), str) else {})
 
 
-def _object(value: Any) -> dict[str, Any]:
+def _object(value: Any) -> JsonObject:
     return value if isinstance(value, dict) else {}
 
 
@@ -135,7 +136,7 @@ class _File:
             if not isinstance(name, str) or not _NEEDED.fullmatch(name):
                 raise InputError(f"{ascii(name)[:60]}, which is not known here", where="extensionsRequired")
 
-    def entry(self, kind: str, index: Any) -> dict[str, Any]:
+    def entry(self, kind: str, index: object) -> JsonObject:
         """Element `index` of the list `kind`."""
         entries = self.document.get(kind)
         if not isinstance(entries, list) or not _is_index(index) or index >= len(entries):
@@ -144,7 +145,7 @@ class _File:
             raise InputError("no object", where=f"{kind}[{index}]")
         return dict(entries[index])
 
-    def accessor(self, index: Any, name: str) -> NDArray:
+    def accessor(self, index: object, name: str) -> NDArray:
         """(N, width) float64 values of an accessor, (N,) of a scalar one; normalised integers as glTF has them."""
         accessor: Any = self.entry("accessors", index)
         kind, width = _known(_TYPES, accessor.get("componentType")), _known(_WIDTHS, accessor.get("type"))
@@ -170,11 +171,11 @@ class _File:
             values = np.maximum(values / np.iinfo(kind).max, -1)
         return values[:, 0] if width == 1 else values
 
-    def blob(self, index: Any, name: str) -> bytes:
+    def blob(self, index: object, name: str) -> bytes:
         """All bytes of a buffer view."""
         return bytes(self._view(index, name)[1])
 
-    def _view(self, index: Any, name: str) -> tuple[dict[str, Any], memoryview]:
+    def _view(self, index: object, name: str) -> tuple[JsonObject, memoryview]:
         """A buffer view, and its bytes."""
         view = self.entry("bufferViews", index)
         if view.get("extensions"):
@@ -187,8 +188,9 @@ class _File:
             raise InputError("a buffer view beyond its buffer", where=name)
         return view, memoryview(data)[first : first + length]
 
-    def _buffer(self, index: Any) -> bytes:
+    def _buffer(self, index: object) -> bytes:
         entry = self.entry("buffers", index)
+        assert isinstance(index, int)  # entry
         if index not in self._buffers:
             self._buffers[index] = self._embedded() if "uri" not in entry else self._at(entry["uri"])
         return self._buffers[index]
@@ -205,7 +207,7 @@ class _File:
                 raise InputError("no whole binary chunk")
             return file.read(length)
 
-    def _at(self, uri: Any) -> bytes:
+    def _at(self, uri: object) -> bytes:
         if not isinstance(uri, str):
             raise InputError("a buffer's address is no text")
         if uri.startswith("data:"):
@@ -232,11 +234,11 @@ def _known(table: Mapping[Any, Any], key: Any) -> Any:
     return table.get(key) if isinstance(key, (int, str)) else None
 
 
-def _is_index(value: Any) -> bool:
+def _is_index(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 40
 
 
-def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
+def _photo_cameras(file: _File, index: object, matrix: NDArray) -> list[Camera]:
     """The camera of a photo at a node that stands so (4, 4) in the world; none where it is another kind of camera."""
     photo = _object(file.entry("cameras", index).get("extras"))
     if not {"K", "width", "height"} <= photo.keys():
@@ -250,7 +252,7 @@ def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
         return []
 
 
-def _nodes(document: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], NDArray]]:
+def _nodes(document: JsonObject) -> Iterator[tuple[JsonObject, NDArray]]:
     """Every node of the scene, and where it stands in the world (4, 4)."""
     nodes, scenes = document.get("nodes"), document.get("scenes")
     if not isinstance(nodes, list) or not nodes:
@@ -272,7 +274,7 @@ def _nodes(document: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], NDA
             yield nodes[i], matrix
 
 
-def _local_matrix(node: Mapping[str, Any]) -> NDArray:
+def _local_matrix(node: JsonObject) -> NDArray:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     matrix = np.eye(4)
@@ -284,7 +286,7 @@ def _local_matrix(node: Mapping[str, Any]) -> NDArray:
     return matrix
 
 
-def _mesh_parts(file: _File, mesh: Mapping[str, Any]) -> Iterator[dict[str, NDArray]]:
+def _mesh_parts(file: _File, mesh: JsonObject) -> Iterator[dict[str, NDArray]]:
     primitives = mesh.get("primitives")
     for primitive in primitives if isinstance(primitives, list) else ():
         extensions = _object(_object(primitive).get("extensions"))
@@ -308,7 +310,7 @@ def _mesh_parts(file: _File, mesh: Mapping[str, Any]) -> Iterator[dict[str, NDAr
         yield arrays
 
 
-def _spz_arrays(file: _File, primitive: Mapping[str, Any], view: Any) -> dict[str, NDArray]:
+def _spz_arrays(file: _File, primitive: JsonObject, view: Any) -> dict[str, NDArray]:
     arrays = decode_spz(io.BytesIO(file.blob(view, SPZ_EXTENSION)), file.max_bytes)
     index = _object(primitive.get("attributes")).get("POSITION")
     stated = file.entry("accessors", index).get("count")
@@ -317,7 +319,7 @@ def _spz_arrays(file: _File, primitive: Mapping[str, Any], view: Any) -> dict[st
     return arrays
 
 
-def _primitive_arrays(file: _File, primitive: Mapping[str, Any]) -> dict[str, NDArray]:
+def _primitive_arrays(file: _File, primitive: JsonObject) -> dict[str, NDArray]:
     attributes = primitive.get("attributes")
     names = {"means": "POSITION"} | {
         field: f"{EXTENSION}:{name}"

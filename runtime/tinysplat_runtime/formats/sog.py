@@ -34,6 +34,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..system.files import parsing, read_limited, write_atomically
+from ..system.jsonfields import JsonObject
 from .assembly import PointCloud, cut_degree_note, far_note, joined
 from .palette import codebook, nearest, palette
 
@@ -107,7 +108,7 @@ def _files(gaussians: Gaussians, means: NDArray, told: Mapping[str, str]) -> lis
     logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))
     low, high = logs.min(axis=0), logs.max(axis=0)
     codes = np.rint((logs[order] - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
-    meta: dict[str, Any] = {"version": 2, "asset": {"generator": "tinysplat"}, "count": count, **told}
+    meta: JsonObject = {"version": 2, "asset": {"generator": "tinysplat"}, "count": count, **told}
     positions = [picture("means_l", (codes & 255).astype(np.uint8)), picture("means_u", (codes >> 8).astype(np.uint8))]
     meta["means"] = {"mins": low.tolist(), "maxs": high.tolist(), "files": positions}
     log_scales = np.log(gaussians.scales[order].clip(np.finfo(np.float32).tiny))
@@ -127,7 +128,7 @@ def _files(gaussians: Gaussians, means: NDArray, told: Mapping[str, str]) -> lis
 
 def _write_higher(
     sh: NDArray, degree: int, picture: Callable[[str, NDArray], str], files: list[tuple[str, bytes]]
-) -> dict[str, Any]:
+) -> JsonObject:
     """Pictures of the palette and of each Gaussian's index into it, of sh (N, B − 1, 3); their entry in `meta.json`."""
     terms = _TERMS[degree]
     size = min(_PALETTE_ROW, 1 << max(int(np.log2(max(len(sh) / 1024, 1))), 0)) * 1024
@@ -301,7 +302,7 @@ def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> dict[str, NDAr
         }
 
 
-def _shape(meta: Mapping[str, Any]) -> list[Any]:
+def _shape(meta: JsonObject) -> list[Any]:
     """The shape of version 1's means; its first number is how many Gaussians there are."""
     shape = _entry(meta, "means").get("shape")
     if not isinstance(shape, list) or not shape:
@@ -309,14 +310,14 @@ def _shape(meta: Mapping[str, Any]) -> list[Any]:
     return shape
 
 
-def _between(meta: Mapping[str, Any], name: str, codes: NDArray) -> NDArray:
+def _between(meta: JsonObject, name: str, codes: NDArray) -> NDArray:
     """Bytes (N, C) of version 1 between the limits of their channels."""
     low, high = (_numbers(meta, name, end, codes.shape[1]) for end in ("mins", "maxs"))
     return low + codes / 255.0 * (high - low)
 
 
 def _read_higher(
-    read: Callable[[str, int], bytes], meta: Mapping[str, Any], count: int, pixels: Callable[..., NDArray]
+    read: Callable[[str, int], bytes], meta: JsonObject, count: int, pixels: Callable[..., NDArray]
 ) -> NDArray:
     """(N, B − 1, 3)."""
     if "shN" not in meta:
@@ -349,7 +350,7 @@ def _unpacked_rotations(octets: NDArray) -> NDArray:
     return from_smallest_three(largest, (octets[:, :3] / 255.0 - 0.5) * np.sqrt(2))
 
 
-def _picture(read: Callable[[str, int], bytes], meta: Mapping[str, Any], name: str, index: int, most: int) -> NDArray:
+def _picture(read: Callable[[str, int], bytes], meta: JsonObject, name: str, index: int, most: int) -> NDArray:
     """(h, w, 4) int64 of a picture of about `most` pixels at most."""
     from PIL import Image
 
@@ -363,11 +364,11 @@ def _picture(read: Callable[[str, int], bytes], meta: Mapping[str, Any], name: s
         return np.asarray(image.convert("RGBA"), np.int64)
 
 
-def _is_plain_name(name: Any) -> bool:
+def _is_plain_name(name: object) -> bool:
     return isinstance(name, str) and 0 < len(name) < 200 and name == PurePosixPath(name).name and "\\" not in name
 
 
-def _json_object(data: bytes) -> dict[str, Any]:
+def _json_object(data: bytes) -> JsonObject:
     try:
         meta = json.loads(data)
     except (ValueError, RecursionError):
@@ -377,21 +378,21 @@ def _json_object(data: bytes) -> dict[str, Any]:
     return meta
 
 
-def _entry(meta: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def _entry(meta: JsonObject, name: str) -> JsonObject:
     entry = meta.get(name)
     if not isinstance(entry, dict):
         raise InputError(f"lacks '{name}'", where=META)
     return entry
 
 
-def _numbers(meta: Mapping[str, Any], name: str, field: str, count: int) -> NDArray:
+def _numbers(meta: JsonObject, name: str, field: str, count: int) -> NDArray:
     values = _entry(meta, name).get(field)
     if not isinstance(values, list) or len(values) != count or not all(isinstance(v, (int, float)) for v in values):
         raise InputError(f"expected {count} numbers in '{field}'", where=name)
     return np.array(values, np.float64)
 
 
-def _number(entry: Mapping[str, Any], field: str) -> float:
+def _number(entry: JsonObject, field: str) -> float:
     value = entry.get(field)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise InputError(f"expected a number in '{field}'", where="shN")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,12 +53,16 @@ def resized_sh(sh: NDArray, functions: int) -> NDArray:
     return np.pad(kept, [(0, 0)] * (sh.ndim - 2) + [(0, lacking), (0, 0)]) if lacking else kept
 
 
-def band_1(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+Number: TypeAlias = Any
+"""A float, an array or a tensor, or what numba makes of one."""
+
+
+def band_1(x: Number, y: Number, z: Number) -> tuple[Number, ...]:
     """The three functions of degree 1 at the unit vector (x, y, z)."""
     return -_C1 * y, _C1 * z, -_C1 * x
 
 
-def band_2(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]:
+def band_2(x: Number, y: Number, z: Number, xx: Number, yy: Number, zz: Number) -> tuple[Number, ...]:
     """The five of degree 2; xx, yy and zz are the squares of x, y and z."""
     return (
         2 * _C2[2] * (x * y),
@@ -69,7 +73,7 @@ def band_2(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]
     )
 
 
-def band_3(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]:
+def band_3(x: Number, y: Number, z: Number, xx: Number, yy: Number, zz: Number) -> tuple[Number, ...]:
     """The seven of degree 3."""
     return (
         -_C3[0] * y * (3 * xx - yy),
@@ -82,7 +86,7 @@ def band_3(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]
     )
 
 
-def band_4(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]:
+def band_4(x: Number, y: Number, z: Number, xx: Number, yy: Number, zz: Number) -> tuple[Number, ...]:
     """The nine of degree 4."""
     return (
         _C4[0] * (x * y) * (xx - yy),
@@ -97,12 +101,12 @@ def band_4(x: Any, y: Any, z: Any, xx: Any, yy: Any, zz: Any) -> tuple[Any, ...]
     )
 
 
-def sh_terms(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
+def sh_terms(x: Number, y: Number, z: Number, degree: int) -> list[Number]:
     """The (degree + 1)² basis functions of the unit vector (x, y, z), constant function left out (it is `C0`).
 
     Arithmetic only, so that the same formulas serve numpy arrays, torch tensors and compiled code.
     """
-    terms: list[Any] = []
+    terms: list[Number] = []
     if degree >= 1:
         terms += band_1(x, y, z)
     if degree >= 2:

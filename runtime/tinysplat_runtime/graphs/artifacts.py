@@ -13,9 +13,9 @@ import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from ..errors import ModelError
+from ..system.jsonfields import JsonObject
 
 MANIFEST = "manifest.json"
 
@@ -37,7 +37,7 @@ class Artifact:
     path: Path
     role: str | None = None
     sha256: str | None = None
-    entry: dict[str, Any] | None = None
+    entry: JsonObject | None = None
     optimised: tuple[Path, str] | None = None
 
     def for_cpu(self) -> Artifact:

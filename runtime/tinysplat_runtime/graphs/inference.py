@@ -12,6 +12,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -221,7 +222,7 @@ def _opened(
         raise ModelError(f"not a graph onnxruntime can run: {first_line(error)}", where=str(artifact.path)) from error
 
 
-def onnxruntime() -> Any:
+def onnxruntime() -> ModuleType:
     """The library, loaded on first use so that commands without a graph start without it, and told to send nothing.
 
     From 1.31 on it counts what it does into a database in the home folder, for an address in its binary, unless this

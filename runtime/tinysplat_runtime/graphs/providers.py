@@ -12,6 +12,7 @@ import threading
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ..errors import InputError, ModelError
@@ -49,12 +50,14 @@ def providers_of(text: str | None) -> tuple[Provider, ...]:
     return (parse_provider(text), CPU) if text else (CPU,)
 
 
-def known_providers(library: Any) -> list[str]:
+def known_providers(library: ModuleType) -> list[str]:
     """Names of what this onnxruntime has, and of what installed plug-in packages bring; loads no plug-in."""
     return list(dict.fromkeys([*library.get_available_providers(), *_plugins()]))
 
 
-def add_providers(library: Any, options: Any, providers: Sequence[Provider]) -> list[tuple[str, dict[str, str]]] | None:
+def add_providers(
+    library: ModuleType, options: Any, providers: Sequence[Provider]
+) -> list[tuple[str, dict[str, str]]] | None:
     """Bring providers into a session's options.
 
     Args:
@@ -86,7 +89,7 @@ def add_providers(library: Any, options: Any, providers: Sequence[Provider]) -> 
     return None
 
 
-def _find(library: Any, name: str, given: Mapping[str, str]) -> tuple[str, dict[str, str], list[Any]]:
+def _find(library: ModuleType, name: str, given: Mapping[str, str]) -> tuple[str, dict[str, str], list[Any]]:
     """Full name, options, and of a plug-in the device to run on."""
     own = dict(given)
     path = own.pop("library", None)
@@ -107,11 +110,11 @@ def _find(library: Any, name: str, given: Mapping[str, str]) -> tuple[str, dict[
     return kinds[wanted].ep_name, own, [kinds[wanted]]
 
 
-def _devices(library: Any, *names: str) -> list[Any]:
+def _devices(library: ModuleType, *names: str) -> list[Any]:
     return [device for device in library.get_ep_devices() if device.ep_name in names]
 
 
-def _register(library: Any, name: str, full: str, path: str | None) -> None:
+def _register(library: ModuleType, name: str, full: str, path: str | None) -> None:
     """Load a plug-in under the name that was asked for, by which some call themselves."""
     plugins = _plugins()
     package = plugins.get(name) or plugins.get(full)

@@ -33,16 +33,16 @@ class Option:
         off_help: what `--help` says of that.
     """
 
-    kind: Callable[[Any], Any]
+    kind: Callable[[object], object]
     help: str
     metavar: str = ""
     group: str = ""
-    choices: Sequence[Any] = ()
-    usual: Any = None
-    off: Any = None
+    choices: Sequence[object] = ()
+    usual: object = None
+    off: object = None
     off_help: str = ""
 
-    def read(self, name: str, given: object) -> Any:
+    def read(self, name: str, given: object) -> object:
         """The value of what was given; InputError names the option."""
         if given is True and self.usual is not None:
             given = self.usual
@@ -57,7 +57,7 @@ class Option:
         return value
 
 
-def option(kind: Callable[[Any], Any], default: Any = None, *, help: str, **about: Any) -> Any:
+def option(kind: Callable[[object], object], default: object = None, *, help: str, **about: Any) -> Any:
     """A field of `Options`; `about` are further fields of `Option`."""
     return field(default=default, metadata={"option": Option(kind, help, **about)})
 

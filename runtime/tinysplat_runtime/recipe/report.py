@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..codec.decoder import decode_gaussians
 from ..container.inspection import inspect_bytes
 from ..gaussian.difference import attribute_errors
+from ..system.jsonfields import JsonObject
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 
 if TYPE_CHECKING:  # who decodes loads no encoder
@@ -15,7 +16,7 @@ if TYPE_CHECKING:  # who decodes loads no encoder
     from .stages import Tools
 
 
-def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
+def file_report(described: JsonObject, watch: Stopwatch) -> JsonObject:
     """A .tsplat file as `inspect_bytes` describes it, with the seconds of each stage and this process's peak memory."""
     keys = (
         "mode", "bytes", "bytes_by_class", "metadata_bytes", "views", "height", "width", "gaussians", "sh_degree", "k",
@@ -31,7 +32,7 @@ def file_report(described: dict[str, Any], watch: Stopwatch) -> dict[str, Any]:
     }
 
 
-def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> dict[str, Any]:
+def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> JsonObject:
     """The report of `encode` and `compress`: the file's, and the error of each attribute.
 
     Args:

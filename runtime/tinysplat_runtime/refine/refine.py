@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ from .price import plane_prices
 from .schedule import steps_below
 from .settings import settings_for
 from .stats import RefineStats
+
+Made = TypeVar("Made")
 
 MAX_STEPS = 10_000
 
@@ -232,7 +234,7 @@ class Refining:
         profile, qp, _ = self._told
         return plane_prices(gaussians, moving.grids, profile, qp, self._settings.price)
 
-    def _timed(self, what: str, work: Callable[[], Any]) -> Any:
+    def _timed(self, what: str, work: Callable[[], Made]) -> Made:
         start = time.perf_counter()
         found = work()
         self._seconds[what] = time.perf_counter() - start

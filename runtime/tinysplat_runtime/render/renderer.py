@@ -267,7 +267,7 @@ def _in_order(splats: Splats, ids: list[NDArray]) -> tuple[NDArray, NDArray]:
     return order, splats.boxes.take(order, axis=1)
 
 
-def _check_choice(name: str, value: Any, accepted: tuple[str, ...]) -> None:
+def _check_choice(name: str, value: object, accepted: tuple[str, ...]) -> None:
     if value not in accepted:
         raise InputError(f"{value!r}, expected one of {accepted}", where=name)
 
@@ -295,19 +295,19 @@ def _depth(canvas: Canvas) -> NDArray:
     return np.divide(depths, weights, out=np.zeros_like(depths), where=weights > 0)
 
 
-def _whole_number(name: str, value: Any) -> int:
+def _whole_number(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise InputError(f"{value!r}, expected a whole number above 0", where=name)
     return int(value)
 
 
-def _checked_size(size: Any) -> tuple[int, int]:
+def _checked_size(size: object) -> tuple[int, int]:
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise InputError(f"{size!r}, expected (height, width)", where="size")
     return _whole_number("size[0]", size[0]), _whole_number("size[1]", size[1])
 
 
-def _checked_outputs(outputs: Any) -> tuple[str, ...]:
+def _checked_outputs(outputs: object) -> tuple[str, ...]:
     names = (outputs,) if isinstance(outputs, str) else outputs
     if not isinstance(names, (tuple, list)) or not names or any(name not in OUTPUTS for name in names):
         raise InputError(f"{outputs!r}, expected some of {OUTPUTS}", where="outputs")

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -148,7 +149,7 @@ def opencv_lens(
     return Lens("PINHOLE", base, width, height)
 
 
-def load_pycolmap() -> Any:
+def load_pycolmap() -> ModuleType:
     """The package pycolmap, silent, and the process's signals as they were: it has them end in a dump of its stacks.
 
     Raises:

@@ -8,9 +8,15 @@ from __future__ import annotations
 import json
 import re
 from pathlib import PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Any, TypeAlias
 
 from ..errors import InputError
+
+JsonObject: TypeAlias = dict[str, Any]
+"""What `json` makes of an object, or can make one of."""
+
+JsonObject: TypeAlias = JsonObject
+"""What `json` makes of an object, or can make one of."""
 
 MAX_DEPTH = 1e30
 """Depths in float32, and what they are multiplied with, stay finite below it."""
@@ -20,12 +26,12 @@ MAX_NAME_BYTES, MAX_PATH_LENGTH = 240, 2000
 """Longest name and path of a photo: file systems hold 255 bytes and 4096, a suffix and the scene's folder included."""
 
 
-def parse_object(data: bytes) -> dict[str, Any]:
+def parse_object(data: bytes) -> JsonObject:
     """A JSON object; NaN passes, so that the field that holds it is refused by name."""
     return as_object(parse_json(data))
 
 
-def as_object(document: Any) -> dict[str, Any]:
+def as_object(document: Any) -> JsonObject:
     """The document, which must be a JSON object."""
     if not isinstance(document, dict):
         raise InputError(f"a JSON {kind_of(document)}, expected an object with frames")
@@ -46,7 +52,7 @@ def parse_json(data: bytes) -> Any:
         raise InputError(fault if data.strip() else "an empty file, expected JSON") from None
 
 
-def frame_entries(document: dict[str, Any]) -> list[dict[str, Any]]:
+def frame_entries(document: JsonObject) -> list[JsonObject]:
     """The objects of a document's list `frames`, at least one."""
     frames = document.get("frames")
     if not isinstance(frames, list) or not frames:
@@ -58,7 +64,7 @@ def frame_entries(document: dict[str, Any]) -> list[dict[str, Any]]:
     return frames
 
 
-def photo_name(i: int, entry: dict[str, Any], key: str = "file") -> str:
+def photo_name(i: int, entry: JsonObject, key: str = "file") -> str:
     """The photo's name under `key`: relative, and inside the scene's folder on any system."""
     where, name = f"frames[{i}].{key}", entry.get(key)
     if not isinstance(name, str) or not name or "\0" in name:
@@ -76,7 +82,7 @@ def photo_name(i: int, entry: dict[str, Any], key: str = "file") -> str:
     return name
 
 
-def depth(document: dict[str, Any], name: str) -> float | None:
+def depth(document: JsonObject, name: str) -> float | None:
     """A depth > 0 in scene units; None where there is none."""
     value = document.get(name)
     if value is None:

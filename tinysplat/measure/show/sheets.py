@@ -21,6 +21,7 @@ from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.system.decibels import CEILING
 from tinysplat_runtime.system.files import atomic_path, read_limited
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from ..metrics import psnr, ssim
 from ..rows import PICTURES, RESULTS
@@ -33,7 +34,7 @@ _SCALE_PERCENTILE = 99.5
 _MAX_RESULTS_BYTES = 1 << 30
 
 
-Result = dict[str, Any]
+Result = JsonObject
 """An entry of `scenes` in results.json."""
 
 
@@ -52,12 +53,12 @@ class SheetPicture:
     b: NDArray
     photo: NDArray | None = None
 
-    def scores(self) -> dict[str, Any]:
+    def scores(self) -> JsonObject:
         """PSNR and SSIM of b against a, and of both against the photo."""
         pairs = {"b_to_a": (self.b, self.a)}
         if self.photo is not None:
             pairs |= {"a_to_photo": (self.a, self.photo), "b_to_photo": (self.b, self.photo)}
-        scores: dict[str, Any] = {"view": self.label}
+        scores: JsonObject = {"view": self.label}
         for name, (image, reference) in pairs.items():
             scores[f"psnr_{name}"] = psnr(image, reference)
             scores[f"ssim_{name}"] = ssim(image, reference)
@@ -211,7 +212,7 @@ def _pair_title(a: Result, b: Result) -> str:
     )
 
 
-def _window(record: Result) -> tuple[Any, ...]:
+def _window(record: Result) -> tuple[object, ...]:
     names = ("scene", "kind", "context", "targets", "height", "width")
     return tuple(str(record[name]) for name in names)
 

@@ -15,10 +15,10 @@ from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
-from tinysplat_runtime.api import SUFFIX
 from tinysplat_runtime.codec.free.encoder import FreeEncoder, visible
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
+from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians

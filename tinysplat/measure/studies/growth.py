@@ -28,7 +28,7 @@ from ..subjects.made import cloud, cloud_camera
 from ..subjects.room import Motorcycle, Room
 
 Size = tuple[int, int]
-Work = Callable[[], Any]
+Work = Callable[[], object]
 
 PHOTO_SIZES: tuple[Size, ...] = ((256, 256), (512, 512), (1024, 1024), (3024, 4032))
 """Of two photos that a command makes a file and a picture of; the last are a phone's."""

@@ -10,8 +10,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from tinysplat_runtime.api import SUFFIX
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
+from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.formats.check import file_loss
 from tinysplat_runtime.formats.table import FORMATS, save_gaussians
 

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from tinysplat.datasets import SPECS
-from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.graphs import DEFAULT_MODEL
 
 from ..quality import ProfileQp, Quality, decode_seconds, encode_seconds, mean_of_rows
 from ..rows import Row, grouped

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.formats.table import save_gaussians
@@ -72,7 +71,7 @@ def _waits(run: Run, case: Case, pictures: PictureJudge, qp: float, folder: Path
     path, picture = folder / f"{qp:g}.tsplat", folder / "p.png"
     path.write_bytes(files[DEFAULT_PROFILE])
     drawn = Renderer(runtime.decompress(files[DEFAULT_PROFILE]), run.threads)
-    works: dict[str, tuple[str, Callable[[], Any]]] = {
+    works: dict[str, tuple[str, Callable[[], object]]] = {
         f"Gaussians to a file, {profile}": (
             profile,
             partial(runtime.compress, case.gaussians, profile, qp, drop_invalid=True),

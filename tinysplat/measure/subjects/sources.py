@@ -37,6 +37,7 @@ from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.files import StrPath, check_readable, read_limited
+from tinysplat_runtime.system.jsonfields import JsonObject
 
 from ..rows import digest
 from .cases import FILE, Case, LeftOut, PhotoSource, PhotoViews, Shots, Source, Window
@@ -278,14 +279,14 @@ def _stat(path: Path) -> list[int]:
 # ---- eval_index.json ----------------------------------------------------------------------------------------------
 
 
-def read_index(path: Path) -> dict[str, Any]:
+def read_index(path: Path) -> JsonObject:
     """The object in `eval_index.json`; InputError names the file if there is none."""
     if not path.is_file():
         raise InputError(f"no {EVAL_INDEX} in this folder", where=str(path.parent))
     return read_object(path, MAX_INDEX_BYTES, "with windows")
 
 
-def stated_depth(index: dict[str, Any], name: str, path: Path) -> float | None:
+def stated_depth(index: JsonObject, name: str, path: Path) -> float | None:
     """`near` or `far` of an index, None where it states none; InputError if it is no depth."""
     value = index.get(name)
     if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not value > 0):

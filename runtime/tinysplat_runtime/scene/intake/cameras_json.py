@@ -17,11 +17,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from ...errors import InputError
 from ...system.files import read_limited
-from ...system.jsonfields import as_object, depth, frame_entries, kind_of, parse_json, photo_name
+from ...system.jsonfields import JsonObject, as_object, depth, frame_entries, kind_of, parse_json, photo_name
 from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
@@ -63,18 +62,18 @@ def cameras_alone(file: Path) -> list[Camera]:
         raise error.within(str(file)) from None
 
 
-def camera_entry(file: str, camera: Camera) -> dict[str, Any]:
+def camera_entry(file: str, camera: Camera) -> JsonObject:
     """A frame of `cameras.json`."""
     K, c2w = camera.K.tolist(), camera.c2w.tolist()
     return {"file": file, "width": camera.width, "height": camera.height, "K": K, "c2w": c2w}
 
 
-def lens_entry(lens: Lens) -> dict[str, Any]:
+def lens_entry(lens: Lens) -> JsonObject:
     """A frame's `taken_with` in `cameras.json`."""
     return {"model": lens.model, "params": list(lens.params), "width": lens.width, "height": lens.height}
 
 
-def _taken_with(i: int, entry: dict[str, Any]) -> Lens | None:
+def _taken_with(i: int, entry: JsonObject) -> Lens | None:
     given = entry.get("taken_with")
     if given is None:
         return None
@@ -85,7 +84,7 @@ def _taken_with(i: int, entry: dict[str, Any]) -> Lens | None:
         raise InputError("expected model, params, width and height", where=f"frames[{i}].taken_with") from None
 
 
-def _camera(i: int, entry: dict[str, Any]) -> Camera:
+def _camera(i: int, entry: JsonObject) -> Camera:
     for name in ("K", "c2w", "width", "height"):
         if name not in entry:
             raise InputError("missing", where=f"frames[{i}].{name}")

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...system.bounds import bound_process
+from ...system.jsonfields import JsonObject
 from ..lenses import load_pycolmap
 from .colmap_binary import decoded, photo_names
 
@@ -43,7 +44,7 @@ def model_arrays(reconstruction: Any, names: dict[int, str]) -> dict[str, NDArra
         names: of photos by their numbers, where they are not those that pycolmap has.
     """
     points = {i: row for row, i in enumerate(reconstruction.points3D)}
-    entries: list[dict[str, Any]] = []
+    entries: list[JsonObject] = []
     observations: list[tuple[int, int]] = []
     for number, image in reconstruction.images.items():
         if not image.has_pose:
@@ -123,7 +124,7 @@ def main(folder: str) -> int:
     try:
         with tempfile.TemporaryDirectory() as place:
             names = _shown(Path(folder), Path(place))
-            arrays: dict[str, Any] = model_arrays(pycolmap.Reconstruction(place), names)
+            arrays: JsonObject = model_arrays(pycolmap.Reconstruction(place), names)
     except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, UnicodeDecodeError) as error:
         print(" ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
         return 1

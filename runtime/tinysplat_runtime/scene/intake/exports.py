@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, warn
 from ...system.files import read_limited
-from ...system.jsonfields import kind_of, parse_json, parse_object
+from ...system.jsonfields import JsonObject, kind_of, parse_json, parse_object
 from ..cameras import finite_array
 from ..scenes import MAX_CAMERAS_BYTES, Scene
 from .nerfstudio import OPENGL_TO_OPENCV, frames_of
@@ -47,7 +47,7 @@ def export_reader(folder: Path) -> Reader | None:
     return next((_reader(there, document) for there, document in documents.items() if there.exists()), None)
 
 
-def _reader(there: Path, document: Callable[[Path], dict[str, Any]]) -> Reader:
+def _reader(there: Path, document: Callable[[Path], JsonObject]) -> Reader:
     def load(folder: Path, near: float | None, far: float | None) -> Scene:
         try:
             return Scene(folder, frames_of(folder, document(there), str(there)), near, far)
@@ -57,14 +57,14 @@ def _reader(there: Path, document: Callable[[Path], dict[str, Any]]) -> Reader:
     return load
 
 
-def _polycam(cameras: Path) -> dict[str, Any]:
+def _polycam(cameras: Path) -> JsonObject:
     photos = f"{POLYCAM}/{cameras.name.replace('cameras', 'images')}"
     frames = []
     for file in sorted(file for file in cameras.glob("*.json") if not file.name.startswith(".")):
         try:
             entry = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
             names = {"fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy", "w": "width", "h": "height"}
-            frame: dict[str, Any] = {short: _numbers(entry, name, ()).item() for short, name in names.items()}
+            frame: JsonObject = {short: _numbers(entry, name, ()).item() for short, name in names.items()}
             pose = [[_numbers(entry, f"t_{row}{column}", ()).item() for column in range(4)] for row in range(3)]
         except InputError as error:
             raise error.within(str(file)) from None
@@ -72,7 +72,7 @@ def _polycam(cameras: Path) -> dict[str, Any]:
     return {"frames": frames}
 
 
-def _record3d(file: Path) -> dict[str, Any]:
+def _record3d(file: Path) -> JsonObject:
     document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
     K, poses = _numbers(document, "K", (9,)).reshape(3, 3).T, _numbers(document, "poses", (-1, 7))
     frames = []
@@ -84,7 +84,7 @@ def _record3d(file: Path) -> dict[str, Any]:
     return {**{name: float(value) for name, value in lens.items()}, **size, "frames": frames}
 
 
-def _opensfm(file: Path) -> dict[str, Any]:
+def _opensfm(file: Path) -> JsonObject:
     reconstructions = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
     if not isinstance(reconstructions, list) or not reconstructions:
         raise InputError(f"a JSON {kind_of(reconstructions)}, expected a list of one reconstruction or more")
@@ -105,7 +105,7 @@ def _opensfm(file: Path) -> dict[str, Any]:
     return {"frames": frames}
 
 
-def _c2w(shot: dict[str, Any], name: str) -> list[list[float]]:
+def _c2w(shot: JsonObject, name: str) -> list[list[float]]:
     """Camera to world with OpenGL axes, from a turn and a shift into the camera."""
     turn, shift = (_numbers(shot, key, (3,), name) for key in ("rotation", "translation"))
     angle = float(np.linalg.norm(turn))
@@ -116,7 +116,7 @@ def _c2w(shot: dict[str, Any], name: str) -> list[list[float]]:
     return (pose @ OPENGL_TO_OPENCV).tolist()
 
 
-def _opensfm_lens(camera: dict[str, Any], name: str) -> dict[str, Any]:
+def _opensfm_lens(camera: JsonObject, name: str) -> JsonObject:
     if camera.get("projection_type") not in _MODELS:
         fault = f"{str(camera.get('projection_type'))[:40]}, expected one of {', '.join(_MODELS)}"
         raise InputError(fault, where=f"{name}.projection_type")
@@ -140,13 +140,13 @@ def _opensfm_lens(camera: dict[str, Any], name: str) -> dict[str, Any]:
     }
 
 
-def _object(value: Any, where: str) -> dict[str, Any]:
+def _object(value: Any, where: str) -> JsonObject:
     if not isinstance(value, dict):
         raise InputError(f"a JSON {kind_of(value)}, expected an object", where=where)
     return value
 
 
-def _numbers(fields: dict[str, Any], name: str, shape: tuple[int, ...], inside: str = "") -> NDArray:
+def _numbers(fields: JsonObject, name: str, shape: tuple[int, ...], inside: str = "") -> NDArray:
     """Finite float64 numbers of a shape, as `finite_array` has it."""
     where = f"{inside}.{name}" if inside else name
     if name not in fields:

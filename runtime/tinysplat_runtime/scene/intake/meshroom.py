@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...system.files import read_limited
-from ...system.jsonfields import kind_of, parse_object
+from ...system.jsonfields import JsonObject, kind_of, parse_object
 from ..lenses import Lens, opencv_lens
 from .tracked import Track, Tracked, number, numbers, posed
 
@@ -62,25 +61,25 @@ def read_meshroom(file: Path) -> Track:
     return Track(cameras, np.array([numbers("structure.X", one.get("X"), 3) for one in chosen]).reshape(-1, 3))
 
 
-def _objects(document: dict[str, Any], name: str) -> list[dict[str, Any]]:
+def _objects(document: JsonObject, name: str) -> list[JsonObject]:
     entries = document.get(name, [])
     if not isinstance(entries, list):
         raise InputError(f"a JSON {kind_of(entries)}, expected a list", where=name)
     return [_object(entry, f"{name}[{i}]") for i, entry in enumerate(entries)]
 
 
-def _object(value: Any, where: str) -> dict[str, Any]:
+def _object(value: object, where: str) -> JsonObject:
     if not isinstance(value, dict):
         raise InputError(f"a JSON {kind_of(value)}, expected an object", where=where)
     return value
 
 
-def _key(entry: dict[str, Any], name: str) -> str:
+def _key(entry: JsonObject, name: str) -> str:
     """An identity, which is a number in some files and text in others."""
     return str(entry.get(name))[:40]
 
 
-def _lens(entry: dict[str, Any], version: tuple[int, ...], size: tuple[int, int]) -> Lens:
+def _lens(entry: JsonObject, version: tuple[int, ...], size: tuple[int, int]) -> Lens:
     where = f"intrinsic {_key(entry, 'intrinsicId')}"
     width, height = (int(number(f"{where}.{side}", entry.get(side))) for side in ("width", "height"))
     kind, name = entry.get("type", "pinhole"), "type"
@@ -103,7 +102,7 @@ def _lens(entry: dict[str, Any], version: tuple[int, ...], size: tuple[int, int]
     )
 
 
-def _focal(entry: dict[str, Any], version: tuple[int, ...], width: int, where: str) -> tuple[float, float]:
+def _focal(entry: JsonObject, version: tuple[int, ...], width: int, where: str) -> tuple[float, float]:
     """(fx, fy) in pixels."""
     if version < (1, 2, 0):
         fx = number(f"{where}.pxFocalLength", entry.get("pxFocalLength"))

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, warn
 from ...system.files import parsing, read_limited
-from ...system.jsonfields import depth, frame_entries, kind_of, parse_object, photo_name
+from ...system.jsonfields import JsonObject, depth, frame_entries, kind_of, parse_object, photo_name
 from ...system.ply import ply_elements
 from ..cameras import Camera, finite_array
 from ..images import image_size
@@ -59,7 +58,7 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
     return Scene(file.parent, frames, near, far)
 
 
-def frames_of(folder: Path, document: dict[str, Any], named: str) -> tuple[Frame, ...]:
+def frames_of(folder: Path, document: JsonObject, named: str) -> tuple[Frame, ...]:
     """The frames of a document whose photos are in a folder; all of them where none is, as beside a video.
 
     Raises:
@@ -70,7 +69,7 @@ def frames_of(folder: Path, document: dict[str, Any], named: str) -> tuple[Frame
     return even_sizes([_frame(folder, document, i, entries[i], photos[i]) for i in present(photos, named)])
 
 
-def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any], photo: Path) -> Frame:
+def _frame(folder: Path, document: JsonObject, i: int, entry: JsonObject, photo: Path) -> Frame:
     fields = {**document, **entry}
     try:
         lens = lens_of_copy(_lens(fields, photo), photo)
@@ -83,7 +82,7 @@ def _frame(folder: Path, document: dict[str, Any], i: int, entry: dict[str, Any]
     return Frame(camera, photo, lens=None if lens.is_pinhole else lens)
 
 
-def _pose(entry: dict[str, Any]) -> NDArray:
+def _pose(entry: JsonObject) -> NDArray:
     """(4, 4) camera to world with OpenCV axes."""
     if "transform_matrix" not in entry:
         raise InputError("missing", where="transform_matrix")
@@ -93,7 +92,7 @@ def _pose(entry: dict[str, Any]) -> NDArray:
     return finite_array("transform_matrix", rows, (4, 4)) @ OPENGL_TO_OPENCV
 
 
-def _lens(fields: dict[str, Any], photo: Path) -> Lens:
+def _lens(fields: JsonObject, photo: Path) -> Lens:
     model = fields.get("camera_model", "OPENCV")
     fisheye = model in _FISHEYES or fields.get("is_fisheye") is True
     if model not in (*_PERSPECTIVE, *_FISHEYES):
@@ -105,7 +104,7 @@ def _lens(fields: dict[str, Any], photo: Path) -> Lens:
     return opencv_lens(_focal(fields, size), centre, distortion, size, fisheye=fisheye)
 
 
-def _size(fields: dict[str, Any], photo: Path) -> tuple[int, int]:
+def _size(fields: JsonObject, photo: Path) -> tuple[int, int]:
     """(height, width), of the photo where the document states none."""
     if "w" not in fields or "h" not in fields:
         return image_size(photo)
@@ -115,7 +114,7 @@ def _size(fields: dict[str, Any], photo: Path) -> tuple[int, int]:
     return int(sides[0]), int(sides[1])
 
 
-def _focal(fields: dict[str, Any], size: tuple[int, int]) -> tuple[float, float]:
+def _focal(fields: JsonObject, size: tuple[int, int]) -> tuple[float, float]:
     """(fx, fy) in pixels; one stands for the other, and angles of view for lengths."""
     height, width = size
     fx, fy = (
@@ -127,23 +126,21 @@ def _focal(fields: dict[str, Any], size: tuple[int, int]) -> tuple[float, float]
     return fx or fy, fy or fx
 
 
-def _from_angle(fields: dict[str, Any], name: str, side: int) -> float:
+def _from_angle(fields: JsonObject, name: str, side: int) -> float:
     angle = _number(fields, name, 0.0)
     if not 0 <= angle < math.pi:
         raise InputError(f"{angle:g}, expected an angle of view between 0 and π", where=name)
     return side / 2 / math.tan(angle / 2) if angle else 0.0
 
 
-def _number(fields: dict[str, Any], name: str, default: float) -> float:
+def _number(fields: JsonObject, name: str, default: float) -> float:
     value = fields.get(name, default)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         raise InputError(f"{str(value)[:20]} ({kind_of(value)}), expected a number", where=name)
     return float(value)
 
 
-def _depths_of_points(
-    folder: Path, document: dict[str, Any], cameras: list[Camera]
-) -> tuple[float | None, float | None]:
+def _depths_of_points(folder: Path, document: JsonObject, cameras: list[Camera]) -> tuple[float | None, float | None]:
     """The depth range of the scene's point cloud; (None, None) where there is none, or none that can be read: a scene
     goes on without its points, and says so.
     """
