@@ -190,3 +190,98 @@ def test_chosen_frames_come_in_one_pass_and_all_of_them_as_small_grey_ones(clip:
         assert found_width == min(width, WIDTH) and abs(height - found_width * HEIGHT / WIDTH) < 1
         means = np.array([luma.mean() for _, luma in small])
         assert (np.diff(means) > 0).all()
+
+
+def patches() -> NDArray:
+    """(8, 8, 3) sRGB of greys up to white, and of colours by chance."""
+    colours = np.random.default_rng(0).integers(60, 236, (8, 8, 3))
+    colours[0] = np.linspace(0, 255, 8)[:, None]
+    return colours.astype(np.uint8)
+
+
+CODES = {  # name: primaries, transfer and matrix of ITU-T H.273, the luma weights of red and blue
+    "BT.709": (1, 1, 1, 0.2126, 0.0722),
+    "HLG": (9, 18, 9, 0.2627, 0.0593),
+    "PQ": (9, 16, 9, 0.2627, 0.0593),
+    "BT.2020": (9, 14, 9, 0.2627, 0.0593),
+}
+
+
+def write_patches(path: Path, kind: str, *, is_full: bool = False, times_white: float = 1.0) -> None:
+    """Five frames of `patches`, 16 pixels each, of 10 bits, so many times as bright."""
+    primaries, transfer, matrix, red, blue = CODES[kind]
+    signal = np.kron(patches() / 255, np.ones((16, 16, 1)))
+    if kind != "BT.709":
+        linear = np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4) * times_white
+        to_bt2020 = [[0.627404, 0.329283, 0.043313], [0.069097, 0.919540, 0.011362], [0.016391, 0.088013, 0.895595]]
+        light = linear @ np.transpose(to_bt2020)
+        if kind == "HLG":
+            scene = light * 0.26496
+            above = 0.17883277 * np.log(np.maximum(12 * scene - 0.28466892, 1e-9)) + 0.55991073
+            signal = np.where(scene <= 1 / 12, np.sqrt(3 * scene), above)
+        elif kind == "PQ":
+            power = (light * 203 / 10000) ** 0.1593017578125
+            signal = ((0.8359375 + 18.8515625 * power) / (1 + 18.6875 * power)) ** 78.84375
+        else:
+            signal = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    luma = signal @ [red, 1 - red - blue, blue]
+    chroma = [(signal[..., 2] - luma) / (2 - 2 * blue), (signal[..., 0] - luma) / (2 - 2 * red)]
+    scales = (1023, 0, 1023) if is_full else (876, 64, 896)
+    planes = [luma * scales[0] + scales[1], *(plane * scales[2] + 512 for plane in chroma)]
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("libx265", rate=30)
+        codes = f"colorprim={primaries}:transfer={transfer}:colormatrix={matrix}"
+        tags = f"{codes}:range={'full' if is_full else 'limited'}"
+        stream.options = {"crf": "1", "x265-params": f"log-level=error:{tags}"}
+        stream.height, stream.width, stream.pix_fmt = *luma.shape, "yuv444p10le"
+        context = stream.codec_context
+        context.color_primaries, context.color_trc, context.colorspace = primaries, transfer, matrix
+        context.color_range = 2 if is_full else 1
+        for n in range(5):
+            frame = av.VideoFrame(luma.shape[1], luma.shape[0], "yuv444p10le")
+            for plane, values in zip(frame.planes, planes, strict=True):
+                rows = np.zeros((plane.height, plane.line_size // 2), np.uint16)
+                rows[:, : values.shape[1]] = np.rint(values).clip(0, 1023)
+                plane.update(rows.tobytes())
+            frame.pts, frame.time_base, frame.colorspace, frame.color_range = n, Fraction(1, 30), matrix, 1 + is_full
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def shown(path: Path) -> NDArray:
+    """(8, 8, 3) int of the patches of a video's second frame, read in passing as well as alone."""
+    video = open_video(path)
+    ((_, passing),) = video.frames([1])
+    np.testing.assert_array_equal(passing, video.frame(1))
+    return passing[8::16, 8::16].astype(int)
+
+
+@pytest.mark.parametrize(("kind", "is_full"), [(kind, is_full) for kind in CODES for is_full in (False, True)])
+def test_hdr_and_wide_gamuts_become_the_srgb_of_their_sdr_twins(tmp_path: Path, kind: str, is_full: bool) -> None:
+    write_patches(tmp_path / "clip.mov", kind, is_full=is_full)
+    np.testing.assert_allclose(shown(tmp_path / "clip.mov"), patches(), atol=3)
+
+
+@pytest.mark.parametrize("kind", ["HLG", "PQ"])
+def test_what_is_brighter_than_white_rolls_off(tmp_path: Path, kind: str) -> None:
+    write_patches(tmp_path / "clip.mov", kind, times_white=2.5)
+    greys = shown(tmp_path / "clip.mov")[0]
+    assert (np.diff(greys, axis=0) >= 0).all() and greys[4].max() < 255 and greys[-1].min() >= 254
+    assert (np.ptp(greys, axis=1) <= 2).all()
+
+
+def test_the_largest_of_several_videos_is_read(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "two.mkv"), "w") as container:
+        streams: list[Any] = []
+        for height, width in ((16, 32), (HEIGHT, WIDTH)):
+            stream: Any = container.add_stream("libx264", rate=FPS)
+            stream.height, stream.width, stream.pix_fmt = height, width, "yuv420p"
+            streams.append(stream)
+        for stream in streams:
+            for _ in range(3):
+                grey = np.full((stream.height, stream.width, 3), 30 if stream is streams[0] else 200, np.uint8)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(grey)))
+            container.mux(stream.encode(None))
+    video = open_video(tmp_path / "two.mkv")
+    assert (len(video.stamps), video.height, video.width) == (3, HEIGHT, WIDTH)
+    assert video.frame(2).mean() > 190

@@ -1,7 +1,7 @@
 """Frames of a video file: when each is shown, and any one of them as a picture.
 
 Times come from the container alone, so that a long video opens without being decoded; a frame is decoded from the key
-frame before it. The picture is turned as the file asks players to.
+frame before it. The picture is turned as the file asks players to, and its colours are brought to sRGB (`colours`).
 
 Trust boundary: files, not addresses, of containers that cannot name other files; number and size of frames are bounded.
 What libavformat and libavcodec raise becomes an InputError.
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..system.files import StrPath, check_readable, parsing
+from .colours import of_code_points, to_srgb
 from .images import MAX_PIXELS
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".ts")
@@ -33,6 +34,10 @@ MAX_FRAMES = 1 << 20
 """9 hours at 30 frames a second."""
 
 _CONTAINERS = "mov,matroska,mpegts"
+_ATTACHED = 1 << 10  # FFmpeg's AV_DISPOSITION_ATTACHED_PIC: a cover, not a video
+_RGB, _BT709, _UNSPECIFIED, _BT601, _BT2020 = 0, 1, 2, 5, 9  # matrices and primaries of ITU-T H.273
+_MATRICES = (_RGB, _BT709, 4, _BT601, 6, 7, _BT2020)  # those that swscale knows
+_HD_HEIGHT = 720  # pictures as high, and which do not say it, are taken for BT.709's, as players take them
 _LONE_FRAME_S = 1 / 30  # how long a video's only frame is taken to be shown
 
 
@@ -87,29 +92,29 @@ class Video:
                 for picture in container.decode(stream):
                     if picture.pts is not None and picture.pts >= wanted:
                         if picture.pts == wanted:
-                            return _upright(picture)
+                            return _shown(picture, stream)
                         break
         raise InputError(f"frame {index} cannot be decoded", where=str(self.path))
 
     def frames(self, chosen: Collection[int]) -> Iterator[tuple[int, NDArray]]:
         """Index and (H, W, 3) uint8 of each chosen frame that can be decoded, in one pass."""
         wanted = set(chosen)
-        yield from ((index, _upright(picture)) for index, picture in self._decoded() if index in wanted)
+        yield from ((index, _shown(picture, stream)) for index, picture, stream in self._decoded() if index in wanted)
 
     def thumbnails(self, width: int) -> Iterator[tuple[int, NDArray]]:
         """Index and luma (h, w) uint8 of every frame that can be decoded, so many pixels wide, as stored."""
-        for index, picture in self._decoded():
+        for index, picture, _ in self._decoded():
             size = min(width, picture.width), max(round(picture.height * min(width / picture.width, 1)), 1)
             yield index, picture.reformat(*size, format="gray").to_ndarray()
 
-    def _decoded(self) -> Iterator[tuple[int, Any]]:
-        """All frames from the first on, with their indices."""
+    def _decoded(self) -> Iterator[tuple[int, Any, Any]]:
+        """Index and frame, from the first on, and the stream."""
         place = {int(stamp): index for index, stamp in enumerate(self.stamps)}
         with _opened(self.path) as (container, stream):
             stream.thread_type = "AUTO"
             for picture in container.decode(stream):
                 if picture.pts in place:
-                    yield place[picture.pts], picture
+                    yield place[picture.pts], picture, stream
 
 
 def open_video(path: StrPath) -> Video:
@@ -134,13 +139,13 @@ def open_video(path: StrPath) -> Video:
         first = next(container.decode(stream), None)
         if first is None:
             raise InputError("a video none of whose frames can be decoded")
-        height, width = _upright(first).shape[:2]
+        height, width = _shown(first, stream).shape[:2]
         return Video(Path(path), np.array(sorted(stamps), np.int64), unit, height, width)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """The container and its video stream, for the time of the block."""
+    """The container and its largest video, for the time of the block."""
     options = {"format_whitelist": _CONTAINERS}
     try:
         with (
@@ -148,9 +153,10 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             path.open("rb") as file,
             av.open(file, options=options, metadata_errors="replace") as container,
         ):
-            if not container.streams.video:
+            videos = [one for one in container.streams.video if not getattr(one, "disposition", 0) & _ATTACHED]
+            if not videos:
                 raise InputError("holds no video")
-            stream = container.streams.video[0]
+            stream = max(videos, key=lambda one: one.width * one.height)
             if stream.codec_context is None:
                 raise InputError("coded in a way that this build of av does not know")
             if not 0 < stream.width * stream.height <= MAX_PIXELS:
@@ -162,11 +168,33 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         raise InputError(f"damaged or foreign video ({error.strerror})", where=str(path)) from None
 
 
-def _upright(picture: Any) -> NDArray:
-    """(H, W, 3) uint8 of an av.VideoFrame, turned by the quarter turns that its file asks for."""
+def _shown(picture: Any, stream: Any) -> NDArray:
+    """(H, W, 3) uint8 sRGB of an av.VideoFrame as players show it: its colours, and the quarter turns it asks for.
+
+    Raises:
+        InputError: its colours are coded in a way that is not read.
+    """
     matrix = picture.side_data.get(Type.DISPLAYMATRIX)
     turns = 0
     if matrix is not None:
         cosine, sine = struct.unpack_from("<ii", bytes(matrix))  # libavutil/display.h: the first two of nine
         turns = -round(math.atan2(sine, cosine) / (math.pi / 2))
-    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), turns))
+    return np.ascontiguousarray(np.rot90(_srgb(picture, stream.codec_context), turns))
+
+
+def _srgb(picture: Any, said: Any) -> NDArray:
+    """(H, W, 3) uint8 sRGB of an av.VideoFrame, which a codec context says the colours of."""
+    primaries, transfer = int(said.color_primaries), int(said.color_trc)
+    colours = of_code_points(primaries, transfer)
+    if picture.colorspace == _UNSPECIFIED:
+        is_wide = primaries == _BT2020 or (colours is not None and colours.is_hdr)
+        picture.colorspace = _BT2020 if is_wide else _BT709 if picture.height >= _HD_HEIGHT else _BT601
+    if picture.colorspace not in _MATRICES:
+        known = ", ".join(map(str, _MATRICES))
+        raise InputError(f"colours by matrix {int(picture.colorspace)} of ITU-T H.273, expected one of {known}")
+    if colours is None and max(component.bits for component in picture.format.components) <= 8:
+        return picture.to_ndarray(format="rgb24")
+    deep = picture.to_ndarray(format="rgb48le")
+    if colours is not None:
+        return to_srgb(deep, colours)
+    return ((deep.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
