@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageCms, ImageOps
 from scenes import refusing, tells
 
 from tinysplat_runtime.errors import InputError
@@ -202,12 +202,11 @@ def test_flipped_bits_in_a_png_are_refused(tmp_path: Path) -> None:
 
 def test_foreign_files_and_kinds_are_refused_with_what_would_do(tmp_path: Path) -> None:
     image = Image.fromarray(photo_like(8, 8))
-    jpeg, heic = encoded(image, "JPEG"), b"\0\0\0\x18ftypheic" + bytes(40)
+    jpeg = encoded(image, "JPEG")
     frame, scan = jpeg.index(b"\xff\xc0"), jpeg.index(b"\xff\xda")
     for data, words in (
         (encoded(image, "GIF"), "GIF JPEG PNG"),
         (b"", "JPEG PNG"),
-        (heic, "HEIC JPEG PNG `heif-convert"),
         (encoded(image.convert("CMYK"), "JPEG"), "CMYK"),
         (jpeg[: frame + 1] + b"\xc9" + jpeg[frame + 2 :], "JPEG"),  # arithmetic coding
         (jpeg[: frame + 4] + b"\x0c" + jpeg[frame + 5 :], "12"),  # bits
@@ -219,6 +218,79 @@ def test_foreign_files_and_kinds_are_refused_with_what_would_do(tmp_path: Path) 
     for path in (tmp_path / "missing", tmp_path):
         with refusing(InputError, str(path)):
             read_image(path)
+
+
+XYZ_D50 = {  # colorants of the profiles that Apple and Adobe ship
+    "Display P3": [[0.51512, 0.2412, -0.00105], [0.29198, 0.69225, 0.04189], [0.1571, 0.06657, 0.78407]],
+    "Adobe RGB": [[0.60974, 0.31111, 0.01947], [0.20528, 0.62567, 0.06087], [0.14919, 0.06322, 0.74457]],
+    "sRGB": [[0.43607, 0.22249, 0.01392], [0.38515, 0.71687, 0.09708], [0.14307, 0.06061, 0.7141]],
+}
+
+
+def icc_profile(kind: str) -> bytes:
+    """A matrix profile of version 2 with a table, a gamma or a parametric curve."""
+
+    def s15(*values: float) -> bytes:
+        return struct.pack(f">{len(values)}i", *(round(65536 * value) for value in values))
+
+    table = np.linspace(0, 1, 1024)
+    light = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4)
+    curve = {
+        "Display P3": b"para\0\0\0\0"
+        + struct.pack(">HH", 3, 0)
+        + s15(2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045),
+        "Adobe RGB": b"curv\0\0\0\0" + struct.pack(">IHxx", 1, 563),
+        "sRGB": b"curv\0\0\0\0" + struct.pack(">I", 1024) + np.rint(65535 * light).astype(">u2").tobytes(),
+    }[kind]
+    colorants = [b"XYZ \0\0\0\0" + s15(*xyz) for xyz in XYZ_D50[kind]]
+    bodies = [
+        (b"wtpt", b"XYZ \0\0\0\0" + s15(0.9642, 1, 0.8249)),
+        *zip((b"rXYZ", b"gXYZ", b"bXYZ"), colorants, strict=True),
+    ]
+    tags, at = b"", 132 + 12 * 7
+    for name, body in bodies:
+        tags += name + struct.pack(">II", at, len(body))
+        at += len(body)
+    tags += b"".join(name + struct.pack(">II", at, len(curve)) for name in (b"rTRC", b"gTRC", b"bTRC"))
+    data = struct.pack(">I", 7) + tags + b"".join(body for _, body in bodies) + curve
+    header = struct.pack(">I4sI4s4s4s", 128 + len(data), bytes(4), 0x02400000, b"mntr", b"RGB ", b"XYZ ") + bytes(12)
+    return (header + b"acsp" + bytes(28) + s15(0.9642, 1, 0.8249)).ljust(128, b"\0") + data
+
+
+@pytest.mark.parametrize("kind", ["Display P3", "Adobe RGB"])
+def test_wide_gamuts_become_srgb_as_littlecms_has_it(tmp_path: Path, kind: str) -> None:
+    image, profile = Image.fromarray(photo_like(48, 64)), icc_profile(kind)
+    in_parts = encoded(image, "JPEG", icc_profile=profile + bytes(70_000), quality=97)
+    for data, most in ((encoded(image, "PNG", icc_profile=profile), 0.1), (in_parts, 2 * JPEG_MEAN_LEVELS)):
+        stored = Image.open(io.BytesIO(data)).convert("RGB")
+        wide, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
+        expected = ImageCms.profileToProfile(stored, wide, srgb, ImageCms.Intent.RELATIVE_COLORIMETRIC)
+        assert np.abs(np.asarray(expected).astype(int) - np.asarray(stored)).max() > 8
+        assert np.abs(read_bytes(tmp_path, data).astype(int) - np.asarray(expected)).mean() < most
+
+
+def test_other_ways_to_say_a_gamut(tmp_path: Path) -> None:
+    image = Image.fromarray(photo_like(24, 32))
+    plain, said = encoded(image, "JPEG", quality=97), b"II*\0\x08\0\0\0"
+    for tag, kind, value in ((0x8769, 4, struct.pack("<I", 26)), (0xA005, 4, struct.pack("<I", 44)), (1, 2, b"R03\0")):
+        said += struct.pack("<HHHI", 1, tag, kind, 4 if kind == 2 else 1) + value + bytes(4)
+    exif = b"Exif\0\0" + said
+    segment = b"\xff\xe1" + struct.pack(">H", 2 + len(exif)) + exif
+    by_profile = read_bytes(tmp_path, encoded(image, "JPEG", quality=97, icc_profile=icc_profile("Adobe RGB")))
+    assert np.abs(read_bytes(tmp_path, plain[:2] + segment + plain[2:]).astype(int) - by_profile).max() <= 1
+    png, wide = encoded(image, "PNG"), encoded(image, "PNG", icc_profile=icc_profile("Display P3"))
+    coded = png[:33] + chunk(b"cICP", bytes([12, 13, 0, 1])) + png[33:]
+    assert np.abs(read_bytes(tmp_path, coded).astype(int) - read_bytes(tmp_path, wide)).max() <= 1
+
+
+def test_profiles_that_say_srgb_or_nothing_change_nothing(tmp_path: Path) -> None:
+    image = Image.fromarray(photo_like(24, 32))
+    sound = icc_profile("Display P3")
+    for profile in (icc_profile("sRGB"), sound[:300], sound[:-20], sound.replace(b"RGB ", b"CMYK"), b"\xff" * 200):
+        np.testing.assert_array_equal(read_bytes(tmp_path, encoded(image, "PNG", icc_profile=profile)), image)
+    for lead in (b"", b"\0", b"x\0\0", b"x\0\0damaged"):
+        png = encoded(image, "PNG")
+        np.testing.assert_array_equal(read_bytes(tmp_path, png[:33] + chunk(b"iCCP", lead) + png[33:]), image)
 
 
 def test_size_is_checked_before_anything_is_decoded(tmp_path: Path) -> None:

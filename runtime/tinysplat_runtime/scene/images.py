@@ -1,15 +1,16 @@
-"""Photos read from JPEG and PNG files; `pictures` writes them and `resampling` resizes.
+"""Photos read from JPEG, PNG and HEIC files; `pictures` writes them and `resampling` resizes.
 
 Trust boundary: a file's own headers are walked first. Its size in pixels is checked before anything is decoded, a
 file cut short is refused, and only the parts that pixels depend on go to libavcodec, so neither a compressed text nor
-an embedded preview can cost memory or change a colour. ICC profiles and gamma are ignored, as most tools do: values
-are taken for sRGB.
+an embedded preview can cost memory or change a colour. Colours of an ICC profile, of PNG's cICP and of Adobe RGB become
+sRGB (`colours`); PNG's gAMA and cHRM are ignored, as most tools do. HEIC goes to `heic`.
 """
 
 from __future__ import annotations
 
 import re
 import struct
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..system.files import StrPath, read_limited
+from . import heic
 from .cameras import MAX_IMAGE_SIDE
+from .colours import Colours, adobe_rgb, of_code_points, of_icc, to_srgb
+from .exif import is_adobe_rgb, orientation
 
 MAX_PIXELS = 1 << 26
 """Largest photo decoded: 67 megapixels, 200 MB of RGB."""
@@ -27,7 +31,10 @@ MAX_PIXELS = 1 << 26
 MAX_FILE_BYTES = 8 * MAX_PIXELS
 """No photo within the limit is larger: 16-bit RGBA takes 8 bytes a pixel."""
 
-PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
+MAX_PROFILE_BYTES = 1 << 24
+"""Largest ICC profile looked at; a display's takes some hundred bytes, a printer's up to a few million."""
+
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", *heic.SUFFIXES)
 
 _OTHERS = {
     "WebP": rb"RIFF....WEBP",
@@ -36,12 +43,12 @@ _OTHERS = {
     "BMP": rb"BM....\0\0\0\0",
     "AVIF": rb"....ftypavi[fs]",
 }
-_HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 
 _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])", re.DOTALL)  # neither stuffing nor a restart marker
-_EOI, _SOS, _APP1 = 0xD9, 0xDA, 0xE1
+_EOI, _SOS, _APP1, _APP2 = 0xD9, 0xDA, 0xE1, 0xE2
+_ICC = b"ICC_PROFILE\0"  # then the part's number and how many there are
 _SOF_DECODED = (0xC0, 0xC1, 0xC2)  # Huffman-coded baseline, extended and progressive
 _SOF_OTHER = (0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)  # lossless, hierarchical, arithmetic
 _JPEG_PIXEL_SEGMENTS = (*_SOF_DECODED, 0xC4, 0xDB, 0xDD, _SOS, 0xEE)  # DHT, DQT, DRI, SOS, Adobe's colour transform
@@ -53,7 +60,6 @@ _BLUE_PER_CB = np.rint(1.772 * _CHROMA_LEVELS).astype(np.int16)
 _SIXTY_FOURTHS_OF_GREEN_PER_CB = np.rint(-0.344136 * 64 * _CHROMA_LEVELS).astype(np.int16)
 _SIXTY_FOURTHS_OF_GREEN_PER_CR = np.rint(-0.714136 * 64 * _CHROMA_LEVELS).astype(np.int16)
 
-_ORIENTATION_TAG = 0x0112
 _FIRST_TRANSPOSED = 5  # Exif orientations 5 to 8 swap rows and columns
 
 
@@ -67,32 +73,37 @@ class _Stripped:
     height: int
     is_16_bit: bool
     orientation: int
+    colours: Colours | None
 
 
 def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArray:
-    """Decode a JPEG or PNG file.
+    """Decode a JPEG, PNG or HEIC file.
 
     Grey and palette images become RGB; 16-bit samples are rounded to 8 bits; transparency is composited over black,
     the rasteriser's background. The Exif orientation is applied, so height and width are those a viewer shows; not so
     the pixels as stored, with `upright=False`. `shrink` by 2 or 4 makes one of so many rows and columns of a JPEG,
-    by its own transform and at a fraction of the cost; a PNG, and sides that are no multiple of it, are read whole.
+    by its own transform and at a fraction of the cost; others, and sides that are no multiple of it, are read whole.
 
     Returns:
         (H, W, 3) uint8, sRGB, or as many times fewer rows and columns.
 
     Raises:
-        InputError: names the file, which is missing, cut short, damaged, over MAX_PIXELS, or of another kind.
+        InputError: names the file, which is missing, cut short, damaged, over MAX_PIXELS, of another kind, or HEIC
+            where no package reads that.
     """
-    stripped = _headers(path)
+    photo = _headers(path)
     try:
-        pixels = _to_rgb(_decode(stripped, shrink), stripped.is_16_bit)
+        if photo.codec == "heic":
+            pixels = _opaque(*heic.decoded(heic.opened(photo.data)))
+        else:
+            pixels = _opaque(_samples_of(_decode(photo, shrink), photo.is_16_bit), photo.colours)
     except InputError as error:
         raise error.within(str(path)) from None
-    return _orient(pixels, stripped.orientation) if upright else pixels
+    return _orient(pixels, photo.orientation) if upright else pixels
 
 
 def image_size(path: StrPath) -> tuple[int, int]:
-    """(height, width) of a JPEG or PNG file as `read_image` would deliver it, from its headers alone.
+    """(height, width) of a JPEG, PNG or HEIC file as `read_image` would deliver it, from its headers alone.
 
     Raises:
         InputError: names the file, which is missing, cut short, too large, or of another kind.
@@ -103,7 +114,7 @@ def image_size(path: StrPath) -> tuple[int, int]:
 
 
 def is_turned(path: StrPath) -> bool:
-    """Whether a JPEG or PNG file's Exif orientation says to show it otherwise than stored; errors of `image_size`."""
+    """Whether a file's Exif orientation says to show it otherwise than stored; errors of `image_size`."""
     return _headers(path).orientation != 1
 
 
@@ -126,10 +137,9 @@ def _strip(data: bytes) -> _Stripped:
         return _strip_png(data)
     if data.startswith(b"\xff\xd8"):
         return _strip_jpeg(data)
-    if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
-        raise InputError(
-            "HEIC, expected JPEG or PNG: `heif-convert a.heic a.jpg`, or a phone's `most compatible` format"
-        )
+    if heic.is_heic(data):
+        width, height = heic.opened(data).size
+        return _Stripped("heic", data, width, height, is_16_bit=False, orientation=1, colours=None)
     other = next((name for name, start in _OTHERS.items() if re.match(start, data, re.DOTALL)), None)
     fault = f"{other}, expected" if other else f"starts with {data[:4].hex(' ') or 'nothing'}, expected"
     raise InputError(f"{fault} a JPEG or PNG image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
@@ -137,7 +147,8 @@ def _strip(data: bytes) -> _Stripped:
 
 def _strip_png(data: bytes) -> _Stripped:
     """Walk the chunks (PNG specification, section 5), keeping those that pixels depend on."""
-    position, orientation, kept = len(_PNG_SIGNATURE), 1, [_PNG_SIGNATURE]
+    position, turned, kept = len(_PNG_SIGNATURE), 1, [_PNG_SIGNATURE]
+    said: dict[bytes, bytes] = {}  # about colours
     kind = b""
     while kind != b"IEND":
         if position + 12 > len(data):
@@ -151,15 +162,30 @@ def _strip_png(data: bytes) -> _Stripped:
         if kind in _PNG_PIXEL_CHUNKS:
             kept.append(data[position:end])
         elif kind == b"eXIf":
-            orientation = _exif_orientation(data[position + 8 : end - 4])
+            turned = orientation(data[position + 8 : end - 4])
+        elif kind in (b"cICP", b"iCCP"):
+            said.setdefault(kind, data[position + 8 : end - 4])
         position = end
     width, height, depth = struct.unpack_from(">IIB", kept[1], 8)
-    return _Stripped("png", b"".join(kept), width, height, depth == 16, orientation)
+    return _Stripped("png", b"".join(kept), width, height, depth == 16, turned, _png_colours(said))
+
+
+def _png_colours(said: dict[bytes, bytes]) -> Colours | None:
+    """What a PNG's chunks state (PNG specification, third edition, 11.3.2), the weightier of two."""
+    if len(said.get(b"cICP", b"")) == 4:
+        return of_code_points(*said[b"cICP"][:2])
+    _, _, compressed = said.get(b"iCCP", b"").partition(b"\0")
+    try:
+        return of_icc(zlib.decompressobj().decompress(compressed[1:], MAX_PROFILE_BYTES))
+    except zlib.error:
+        return None
 
 
 def _strip_jpeg(data: bytes) -> _Stripped:
     """Walk the marker segments (ITU-T T.81, annex B) up to the end of the image, keeping what pixels depend on."""
-    position, scans, orientation, kept = 2, 0, 1, [data[:2]]
+    position, scans, turned, kept = 2, 0, 1, [data[:2]]
+    profile: dict[int, bytes] = {}
+    is_adobe = False
     size: tuple[int, int] | None = None
     while match := _JPEG_MARKER.search(data, position):
         if scans:
@@ -168,7 +194,9 @@ def _strip_jpeg(data: bytes) -> _Stripped:
         if marker == _EOI:
             if not (size and scans):
                 break
-            return _Stripped("mjpeg", b"".join([*kept, b"\xff\xd9"]), *size, is_16_bit=False, orientation=orientation)
+            stated = b"".join(profile[part] for part in sorted(profile))
+            colours = of_icc(stated) if stated else adobe_rgb() if is_adobe else None
+            return _Stripped("mjpeg", b"".join([*kept, b"\xff\xd9"]), *size, False, turned, colours)
         length = int.from_bytes(data[match.end() : match.end() + 2], "big")
         body = data[match.end() + 2 : match.end() + length]
         if length < 2 or len(body) != length - 2:
@@ -181,7 +209,9 @@ def _strip_jpeg(data: bytes) -> _Stripped:
                 raise InputError("damaged JPEG: frame header doubled or too short")
             size = _jpeg_size(body)
         elif marker == _APP1 and body.startswith(b"Exif\0\0"):
-            orientation = _exif_orientation(body[6:])
+            turned, is_adobe = orientation(body[6:]), is_adobe_rgb(body[6:])
+        elif marker == _APP2 and body.startswith(_ICC) and len(body) > len(_ICC) + 2:
+            profile.setdefault(body[len(_ICC)], body[len(_ICC) + 2 :])
         scans += marker == _SOS
         if scans > _MAX_SCANS:
             raise InputError(f"JPEG of more than {_MAX_SCANS} scans")
@@ -197,23 +227,6 @@ def _jpeg_size(frame_header: bytes) -> tuple[int, int]:
         kind = "CMYK" if components == 4 else f"{components}-channel"
         raise InputError(f"{kind} JPEG of {bits} bits a sample, expected grey or colour of 8; convert it to RGB first")
     return width, height
-
-
-def _exif_orientation(tiff: bytes) -> int:
-    """The orientation 1 to 8 in a TIFF structure's first directory; 1 where there is none or it is damaged."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}.get(tiff[:4])
-    if order is None:
-        return 1
-    try:
-        (directory,) = struct.unpack_from(f"{order}I", tiff, 4)
-        (entries,) = struct.unpack_from(f"{order}H", tiff, directory)
-        for entry in range(entries):
-            tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, directory + 2 + 12 * entry)
-            if tag == _ORIENTATION_TAG:
-                return value if 1 <= value <= 8 else 1
-    except struct.error:
-        pass
-    return 1
 
 
 def _decode(photo: _Stripped, shrink: int) -> Any:
@@ -234,19 +247,30 @@ def _decode(photo: _Stripped, shrink: int) -> Any:
     return frames[0]
 
 
-def _to_rgb(frame: Any, is_16_bit: bool) -> NDArray:
-    """(H, W, 3) uint8 of a decoded frame in any pixel format."""
+def _samples_of(frame: Any, is_16_bit: bool) -> NDArray:
+    """(H, W, 3), or 4 where it is transparent, uint8 or uint16 of a decoded frame in any pixel format."""
     if frame.format.name.startswith("yuv"):
         return _ycc_to_rgb(*(_samples(plane) for plane in frame.planes))
     opaque = not any(c.is_alpha for c in frame.format.components) and frame.format.name != "pal8"
     pix_fmt = ("rgb48le" if opaque else "rgba64le") if is_16_bit else ("rgb24" if opaque else "rgba")
-    pixels = frame.reformat(format=pix_fmt).to_ndarray()
-    if is_16_bit:
-        pixels = ((pixels.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
-    if not opaque:
-        colour, alpha = pixels[..., :3].astype(np.uint16), pixels[..., 3:].astype(np.uint16)
-        pixels = ((colour * alpha + 127) // 255).astype(np.uint8)
+    samples: NDArray = frame.reformat(format=pix_fmt).to_ndarray()
+    return samples
+
+
+def _opaque(samples: NDArray, colours: Colours | None) -> NDArray:
+    """(H, W, 3) uint8 sRGB of samples (H, W, 3 or 4) uint8 or uint16 of some colours, over black."""
+    stated, alpha = samples[..., :3], _of_8_bits(samples[..., 3:])
+    pixels = _of_8_bits(stated) if colours is None else to_srgb(stated, colours)
+    if alpha.size:
+        pixels = ((pixels.astype(np.uint16) * alpha + 127) // 255).astype(np.uint8)
     return np.ascontiguousarray(pixels)
+
+
+def _of_8_bits(samples: NDArray) -> NDArray:
+    """Samples uint8, or uint16 rounded to as many."""
+    return (
+        samples if samples.dtype == np.uint8 else ((samples.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
+    )
 
 
 def _samples(plane: Any) -> NDArray:
