@@ -58,6 +58,7 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
         ("pycolmap", (*CLI, "poses", ".", "-o", "scene")),
         ("pycolmap", (*CLI, "encode", "distorted", "-o", "x.tsplat")),
     ],
+    "heic": [("pillow_heif", (*CLI, "poses", "heic", "-o", "scene"))],
     "torch": [("torch", ("module", "tinysplat.gsplat_tensors"))],
     "train": [("torch", ("module", "tinysplat.training", "c.toml", "--out", "out"))],
     "export": [
@@ -96,6 +97,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "c.toml").write_text("")
     for name in ("b.pth", "l.pth"):
         (folder / name).write_bytes(b"")
+    (folder / "heic").mkdir()
+    (folder / "heic/a.heic").write_bytes(b"")
     (folder / "distorted").mkdir()
     (folder / "distorted/transforms.json").write_text(
         '{"fl_x": 9, "w": 8, "h": 8, "k1": 0.1, "frames": [{"file_path": "a.png", "transform_matrix":'

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import av
 import numpy as np
+import pillow_heif
 import pytest
 from console import fail, tinysplat
 from poses.walls import HEIGHT, WIDTH, write_photos_of_walls
 from scenes import tells, write_scene
 
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.pictures import write_png
 
@@ -62,6 +65,48 @@ def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
     np.testing.assert_allclose(steps, 0.35, rtol=0.05)
     near, far = (unit * depth for depth in scene.depth_range())
     assert 2.5 < near < 4 < 5 < far < 9  # calibrated by itself
+
+
+def write_clip(path: Path, photos: Path, count: int) -> None:
+    """A video of photos 0.png, 1.png …, with one key frame and x264's default loss."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for i in range(count):
+            frame = av.VideoFrame.from_ndarray(read_image(photos / f"{i}.png"))
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def test_every_frame_of_a_clip_is_placed_as_its_photo_would_be(tmp_path: Path) -> None:
+    cameras = write_photos_of_walls(tmp_path / "photos", views=9, spacing=0.5)
+    write_clip(tmp_path / "clip.mp4", tmp_path / "photos", 9)
+    done = tinysplat("poses", tmp_path / "clip.mp4", "-o", tmp_path / "scene")
+    assert done.returncode == 0 and "9 of 9 frames" in done.stderr, done.stderr
+    found = np.stack([camera.centre for camera in load_scene(tmp_path / "scene").cameras])
+    truth = np.stack([camera.centre for camera in cameras])
+    unit = np.linalg.norm(truth[8] - truth[0]) / np.linalg.norm(found[8] - found[0])
+    np.testing.assert_allclose(unit * np.linalg.norm(np.diff(found, axis=0), axis=1), 0.5, rtol=0.1)
+
+
+def test_a_clip_that_shows_no_depth_writes_nothing_and_says_what_to_film(tmp_path: Path) -> None:
+    write_photos_of_walls(tmp_path / "photos", views=4, spacing=0.005)
+    write_clip(tmp_path / "clip.mp4", tmp_path / "photos", 4)
+    said = fail("poses", tmp_path / "clip.mp4", "-o", tmp_path / "scene", "-q")
+    assert "clip.mp4" in said and "sideways" in said and not (tmp_path / "scene").exists()
+
+
+def test_photos_of_every_kind_and_nobody_s_files(tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    write_photos_of_walls(photos, views=5)
+    pixels = read_image(photos / "1.png")
+    (photos / "1.png").unlink()
+    pillow_heif.from_bytes("RGB", (WIDTH, HEIGHT), pixels.tobytes()).save(photos / "IMG 1.HEIC", quality=90)
+    for name in ("._0.png", "._IMG 1.HEIC", ".DS_Store", "Thumbs.db", "desktop.ini"):
+        (photos / name).write_bytes(bytes.fromhex("00051607000200004d6163204f532058") + bytes(99))
+    done = tinysplat("poses", photos, "-o", tmp_path / "scene")
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert len(load_scene(tmp_path / "scene").images()) == 5
 
 
 def test_bad_input_of_poses_is_one_line(tmp_path: Path) -> None:

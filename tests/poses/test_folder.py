@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pillow_heif
 import pytest
 from PIL import Image
 from scenes import make_cameras, make_photo, refusing
@@ -87,7 +88,21 @@ def test_turned_photos_are_copied_as_they_are_seen(tmp_path: Path, photos: Path)
     Image.fromarray(make_photo(24, 32, seed=7)).save(photos / "1.png", exif=exif)
     copies = tmp_path / "copies"
     copies.mkdir()
-    assert upright_copies(photos, ["0.png", "1.png"], copies) == ["1.png"]
+    assert upright_copies(photos, ["0.png", "1.png"], copies) == ({"0.png": "0.png", "1.png": "1.png"}, 1)
     stored = read_image(copies / "1.png", upright=False)
     np.testing.assert_array_equal(stored, np.rot90(make_photo(24, 32, seed=7)))
     np.testing.assert_array_equal(read_image(copies / "0.png"), read_image(photos / "0.png"))
+
+
+def test_copies_have_names_of_their_own_that_colmap_reads(tmp_path: Path) -> None:
+    photos = [make_photo(24, 32, seed=i) for i in range(4)]
+    for name, photo in zip(("a 1.PNG", "a_1.png", "b.png"), photos, strict=False):
+        write_png(tmp_path / name, photo)
+    pillow_heif.from_bytes("RGB", (32, 24), photos[3].tobytes()).save(tmp_path / "b.HEIC", quality=-1, chroma=444)
+    (copies := tmp_path / "copies").mkdir()
+    names = ["a 1.PNG", "a_1.png", "b.HEIC", "b.png"]
+    called, turned = upright_copies(tmp_path, names, copies)
+    assert list(called) == names and turned == 0 and len(set(called.values())) == 4
+    assert not any(" " in name for name in called.values()) and called["b.HEIC"].endswith(".jpg")
+    for name, copy in called.items():
+        assert np.abs(read_image(copies / copy).astype(int) - read_image(tmp_path / name)).mean() < 4

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import refusing
 
-from tinysplat.poses.frames import choose_frames, measured, stretches
-from tinysplat_runtime.errors import InputError
+from tinysplat.poses.frames import Walk, look_through, measured, stretches
 from tinysplat_runtime.scene.footage import open_video
 
 HEIGHT, WIDTH = 96, 192
@@ -70,11 +69,32 @@ def test_blurred_frames_are_passed_over(tmp_path: Path) -> None:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.stack([picture] * 3, -1), format="rgb24")))
         container.mux(stream.encode())
     video = open_video(tmp_path / "clip.mp4")
-    chosen = choose_frames(video, 10)
+    walk = look_through(video)
+    chosen = walk.chosen(10)
     assert len(chosen) == 10 and all(i % 3 == 0 for i in chosen)
     found = dict(video.frames(chosen))
     assert list(found) == chosen
     assert np.abs(found[chosen[3]][..., 0] - pictures[chosen[3]].astype(float)).mean() < 8
-    assert 2 <= len(choose_frames(video)) < 60  # as many as its movement asks for
-    with refusing(InputError, "60 of 61"):
-        choose_frames(video, 61)
+    assert 2 <= len(walk.chosen()) < 60  # as many as its movement asks for
+
+
+def test_of_frames_that_hardly_overlap_all_are_taken() -> None:
+    rng = np.random.default_rng(0)
+    jumps = [
+        np.clip(view + rng.normal(0, 4, view.shape), 0, 255).astype(np.uint8)
+        for view in views([40.0 * i for i in range(14)])
+    ]
+    walk = Walk(list(range(14)), *measured(jumps))
+    assert walk.chosen() == list(range(14))
+
+
+def test_more_frames_come_from_beside_those_that_are_missing() -> None:
+    walk = Walk(list(range(0, 400, 2)), np.linspace(0, 10, 200), np.ones(200))
+    chosen = walk.chosen(20)
+    missing = set(chosen[4:8])
+    added = walk.between(chosen, missing)
+    assert added == sorted(set(added) - set(chosen)) and all(index % 2 == 0 for index in added)
+    assert all(chosen[3] < index < chosen[8] for index in added)
+    assert all(any(a < index < b for index in added) for a, b in pairwise(chosen[3:9]))
+    assert len(walk.between(chosen, set(chosen), most=27)) == 7
+    assert walk.between(walk.chosen(200), missing) == []  # there are none between

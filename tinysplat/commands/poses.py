@@ -6,20 +6,24 @@ import json
 import sys
 import tempfile
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from tinysplat.poses.folder import write_folder
-from tinysplat.poses.frames import choose_frames
-from tinysplat.poses.placing import coloured_points, copies, encoded, place, upright_copies
+from tinysplat.poses.frames import look_through
+from tinysplat.poses.placing import Placement, coloured_points, copies, encoded, place, upright_copies
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene import heic
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import PHOTO_SUFFIXES
 from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
 from tinysplat_runtime.scene.intake.depths import observed_range
+from tinysplat_runtime.scene.intake.photos import photos_in
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import progress
 
@@ -28,19 +32,30 @@ NEEDS = ("pycolmap",)
 
 KINDS = ", ".join(VIDEOS)
 
+SPARED, ENOUGH = 0.1, 2 / 3
+"""Of a video's frames: so many may be missing before more are added, and so many have to be placed in the end."""
+
+LEAST_PARALLAX, UNCERTAIN = 2.5, 0.5
+"""Degrees between the directions in which most points are seen, and share of uncertain places, of what is no scene."""
+
+ASIDE = "walk sideways or around what you film, by a tenth of its distance and more, with the camera towards it"
+
 
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
     parser.description = (
         "Finds where each photo was taken from, takes lens distortion out, and writes photos, cameras.json,"
         " transforms.json and COLMAP's text files. Of a video, sharp frames are chosen, apart by as much as the camera"
-        " moved. The scene's unit is arbitrary. Photos that could not be placed are named on standard error."
+        " moved, and more where few of them can be placed. The scene's unit is arbitrary. Photos that could not be"
+        " placed are named on standard error."
     )
     parser.add_argument(
-        "photos", metavar="PHOTOS", help=f"folder of .jpg and .png photos of one static place, or a video: {KINDS}"
+        "photos",
+        metavar="PHOTOS",
+        help=f"folder of photos (.jpg, .png, .heic) of one static place, or a video: {KINDS}",
     )
     parser.add_argument("-o", "--output", required=True, metavar="SCENE", help="folder to write, new or empty")
-    parser.add_argument("--frames", type=_count, metavar="N", help="of a video; default: by its movement, 8 to 64")
+    parser.add_argument("--frames", type=_count, metavar="N", help="of a video; default: by its movement, 16 to 64")
     add_threads(parser)
 
 
@@ -56,88 +71,154 @@ def run(args: Namespace) -> None:
     is_video = source.suffix.lower() in VIDEOS and not source.is_dir()
     if args.frames is not None and not is_video:
         raise InputError(f"given with {source}, expected a video ({KINDS})", where="--frames")
-    names = [] if is_video else _photo_names(source)
+    found = [] if is_video else _photo_names(source)
     _check_output(output)
     with tempfile.TemporaryDirectory() as work:
         photos = Path(work) / "photos"
         photos.mkdir()
-        if is_video:
-            names = _frames(source, photos, args.frames, quiet=args.quiet)
-        else:
-            if twins := copies(source, names):
-                if len(twins) + 1 == len(names):
-                    said = f"{len(names)} copies of one photo, expected 2 photos or more"
-                    raise InputError(said, where=str(source))
-                twin, first = next(iter(twins.items()))
-                more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
-                print(printable(f"{source}: {twin} is the very file {first} and is left out{more}"), file=sys.stderr)
-                names = [name for name in names if name not in twins]
-            turned = upright_copies(source, names, photos)
-            if turned and not args.quiet:
-                said = f"{len(turned)} of {len(names)} photos turned as their Exif orientation says"
-                print(f"{source}: {said}", file=sys.stderr)
         try:
-            placement = place(photos, names, Path(work), args.threads or -1, quiet=args.quiet)
+            if is_video:
+                names, placement = _of_video(source, photos, args)
+            else:
+                names = _copied(source, found, photos, quiet=args.quiet)
+                placement = place(photos, list(names), Path(work), args.threads or -1, quiet=args.quiet)
+            _check_placement(placement)
+            count, (near, far) = _write(output, photos, placement, quiet=args.quiet)
         except InputError as error:
-            raise InputError(error.message, where=str(source)) from None
-        model = placement.model
-        arrays = model_arrays(model, {})
-        entries = json.loads(arrays["entries"].tobytes())
-        kept = np.array([entry["name"] not in placement.wrong for entry in entries])
-        if kept.sum() < 2:
-            said = "the places that were found contradict the photos' own matches"
-            raise InputError(f"{said}: take photos that overlap more, from places farther apart", where=str(source))
-        w2c, observations = np.array([entry["w2c"] for entry in entries]), arrays["observations"]
-        near, far = observed_range(w2c, arrays["points"], observations[kept[observations[:, 0]]])
-        right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
-        placed = write_folder(output, photos, right, (near, far), coloured_points(model), quiet=args.quiet)
-    missing = sorted(set(names) - set(placed))
-    if missing:
-        what = "frames" if is_video else "photos"
-        said = f"{source}: {len(missing)} of {len(names)} {what} could not be placed: {', '.join(missing)}"
-        print(printable(said), file=sys.stderr)
-    if placement.wrong:
-        said = f"{len(placement.wrong)} of them lie elsewhere than their matches say, and are left out"
-        print(f"{source}: {said}", file=sys.stderr)
-    if placement.others:
-        sizes = ", ".join(map(str, placement.others[:4])) + (", …" if len(placement.others) > 4 else "")
-        print(
-            f"{source}: {len(placement.others)} further groups, of {sizes} photos, do not join these", file=sys.stderr
-        )
-    if placement.uncertain:
-        said = f"{len(placement.uncertain)} of {len(placed)} places are uncertain, {placement.uncertain[0]} the most"
-        print(printable(f"{source}: {said}: step aside where you only turned, and take more photos"), file=sys.stderr)
+            where = (error.where or str(source)).replace(str(photos), str(source))
+            raise InputError(error.message, where=where) from None
+    for line in _remarks(names, placement, "frames" if is_video else "photos"):
+        print(printable(f"{source}: {line}"), file=sys.stderr)
     if not args.quiet:
         depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
-        print(f"{output}: {len(placed)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
+        print(f"{output}: {count} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
 
 
-def _frames(source: Path, photos: Path, count: int | None, *, quiet: bool) -> list[str]:
-    """Write chosen frames of a video as photos; names end in the frame's number."""
+def _write(
+    output: Path, photos: Path, placement: Placement, *, quiet: bool
+) -> tuple[int, tuple[float | None, float | None]]:
+    """Write the scene of photos that were placed; how many they are, and near and far."""
+    arrays = model_arrays(placement.model, {})
+    entries = json.loads(arrays["entries"].tobytes())
+    kept = np.array([entry["name"] in placement.right for entry in entries])
+    w2c, observations = np.array([entry["w2c"] for entry in entries]), arrays["observations"]
+    depths = observed_range(w2c, arrays["points"], observations[kept[observations[:, 0]]])
+    right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
+    write_folder(output, photos, right, depths, coloured_points(placement.model), quiet=quiet)
+    return len(right), depths
+
+
+def _check_placement(placement: Placement) -> None:
+    """InputError where what was found is no scene."""
+    if len(placement.right) < 2:
+        said = "the places that were found contradict the photos' own matches"
+        raise InputError(f"{said}: take photos that overlap more, from places farther apart")
+    within = f"most points are seen from directions within {placement.parallax:.1f}°"
+    loose = f"{len(placement.uncertain)} of {len(placement.right)} places are uncertain"
+    if placement.parallax < LEAST_PARALLAX or len(placement.uncertain) >= UNCERTAIN * len(placement.right):
+        raise InputError(f"the camera hardly moved, or only turned ({within}, {loose}): that shows no depth; {ASIDE}")
+
+
+def _remarks(names: Mapping[str, str], placement: Placement, what: str) -> Iterator[str]:
+    """What is to be said of photos, whose own names are given, that were left out or lie uncertain."""
+    missing = [own for name, own in names.items() if name not in placement.right | placement.wrong]
+    wrong = [own for name, own in names.items() if name in placement.wrong]
+    if missing or wrong:
+        why = []
+        if missing:
+            groups = ", ".join(map(str, placement.others[:4])) + (", …" if len(placement.others) > 4 else "")
+            joined = f" ({len(placement.others)} groups of them, of {groups}, fit each other alone)" if groups else ""
+            why.append(f"{', '.join(missing)} could not be placed{joined}")
+        if wrong:
+            why.append(f"{', '.join(wrong)} lie elsewhere than their matches say")
+        yield f"{len(missing) + len(wrong)} of {len(names)} {what} are left out: {'; '.join(why)}"
+    if placement.uncertain:
+        said = f"{len(placement.uncertain)} of {len(placement.right)} places are uncertain"
+        most = names[placement.uncertain[0]]
+        yield f"{said}, {most} the most: step aside where you only turned, and take more photos"
+
+
+def _of_video(source: Path, photos: Path, args: Namespace) -> tuple[dict[str, str], Placement]:
+    """Frames that were written as photos, by name, and where they were taken; more of them where few could be placed.
+
+    Raises:
+        InputError: under two thirds could be placed.
+    """
     video = open_video(source)
-    chosen = choose_frames(video, count, quiet=quiet)
-    if not quiet:
-        said = f"{len(chosen)} of {len(video.stamps)} frames, the sharpest of each step of the camera's way"
-        print(f"{source}: {said}", file=sys.stderr)
-    names = []
-    for index, picture in progress(video.frames(chosen), len(chosen), "taking frames", quiet=quiet):
-        names.append(f"frame_{index:06}.jpg")
-        (photos / names[-1]).write_bytes(encoded(picture, names[-1]))
-    return names
+    walk = look_through(video, quiet=args.quiet)
+    if args.frames is not None and args.frames > len(walk.indices):
+        raise InputError(f"{len(walk.indices)} frames, expected {args.frames} or more")
+    names: dict[int, str] = {}
+    best: Placement | None = None
+    added = walk.chosen(args.frames)
+    while added:
+        for index, picture in progress(video.frames(added), len(added), "taking frames", quiet=args.quiet):
+            names[index] = f"frame_{index:06}.jpg"
+            (photos / names[index]).write_bytes(encoded(picture, names[index]))
+        names = dict(sorted(names.items()))
+        if not args.quiet:
+            print(
+                f"{source}: {len(names)} of {len(video.stamps)} frames, chosen for overlap and sharpness",
+                file=sys.stderr,
+            )
+        placement = place(photos, list(names.values()), photos.parent, args.threads or -1, quiet=args.quiet)
+        if best is None or len(placement.right) >= len(best.right):
+            best = placement
+        missing = {index for index, name in names.items() if name not in placement.right}
+        is_enough = args.frames is not None or len(missing) <= SPARED * len(names)
+        added = [] if is_enough else walk.between(list(names), missing)
+    assert best is not None
+    if len(best.right) < ENOUGH * len(names):
+        times = (video.stamps - video.stamps[0]) * video.unit
+        raise InputError(_unplaced([(float(times[i]), name in best.right) for i, name in names.items()]))
+    return {name: name for name in names.values()}, best
+
+
+def _unplaced(frames: Sequence[tuple[float, bool]]) -> str:
+    """What to film where few frames could be placed.
+
+    Args:
+        frames: when each is shown, seconds, and whether it was placed.
+    """
+    runs = [(is_placed, [time for time, _ in run]) for is_placed, run in groupby(frames, key=lambda frame: frame[1])]
+    longest = max((times for is_placed, times in runs if not is_placed), key=lambda times: times[-1] - times[0])
+    count = sum(is_placed for _, is_placed in frames)
+    said = f"only {count} of {len(frames)} frames could be placed, from {longest[0]:.1f} s to {longest[-1]:.1f} s none"
+    return f"{said}: film slowly, in good light, what has texture; {ASIDE}"
+
+
+def _copied(source: Path, found: Sequence[str], photos: Path, *, quiet: bool) -> dict[str, str]:
+    """Copy photos that differ into a folder, upright; their own names by what they are called there, in order."""
+    twins = copies(source, found)
+    if len(twins) + 1 == len(found):
+        raise InputError(f"{len(found)} copies of one photo, expected 2 photos or more")
+    if twins:
+        twin, first = next(iter(twins.items()))
+        more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
+        print(printable(f"{source}: {twin} is the very file {first} and is left out{more}"), file=sys.stderr)
+    kept = [name for name in found if name not in twins]
+    called, turned = upright_copies(source, kept, photos)
+    if turned and not quiet:
+        print(f"{source}: {turned} of {len(kept)} photos turned as their Exif orientation says", file=sys.stderr)
+    return {copy: name for name, copy in called.items()}
 
 
 def _photo_names(folder: Path) -> list[str]:
+    """Names of the photos in a folder; says which are HEIC that cannot be read."""
     if not folder.is_dir():
         fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({KINDS})"
         raise InputError(fault, where=str(folder))
-    names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in PHOTO_SUFFIXES)
-    heic = [path.name for path in folder.iterdir() if path.suffix.lower() in (".heic", ".heif")]
-    if heic and len(names) < 2:
-        advice = f"`heif-convert {heic[0]} {Path(heic[0]).stem}.jpg`, or a phone's `most compatible` format"
-        raise InputError(f"{len(heic)} HEIC photos, expected JPEG or PNG: {advice}", where=str(folder))
-    if len(names) < 2:
-        raise InputError(f"{len(names)} photos ({', '.join(PHOTO_SUFFIXES)}), expected 2 or more", where=str(folder))
-    return names
+    names = [path.name for path in photos_in(folder)]
+    heics = [] if heic.is_installed() else [name for name in names if name.lower().endswith(heic.SUFFIXES)]
+    readable = [name for name in names if name not in heics]
+    if heics:
+        said = f"{len(heics)} of {len(names)} photos are HEIC; {heic.INSTALL} reads them"
+        if len(readable) < 2:
+            raise InputError(said, where=str(folder))
+        print(printable(f"{folder}: {said}, now they are left out: {', '.join(heics)}"), file=sys.stderr)
+    if len(readable) < 2:
+        raise InputError(f"{len(readable)} photos ({', '.join(PHOTO_SUFFIXES)}), expected 2 or more", where=str(folder))
+    return readable
 
 
 def _check_output(folder: Path) -> None:

@@ -1,8 +1,9 @@
 """Photos placed in space by COLMAP's incremental mapper, through the package pycolmap (extra `poses`).
 
-Up to `ALL_PAIRS` photos are compared each with each: a walk that comes back to where it was closes only by pairs that
-no order tells of, and without them halves of a scene hang together by one pair and lie apart. More photos are compared
-with those taken shortly before, at distances of 2, 4, 8 …, and with those whose thumbnails look alike.
+Up to `FEW` photos are compared each with each. More photos are compared with those taken shortly before, at distances
+of 2, 4, 8 …, and with those whose thumbnails look alike; where that leaves a photo out or uncertain, up to `ALL_PAIRS`
+are then compared each with each, too: a walk that comes back to where it was closes only by pairs that no order tells
+of, and without them halves of a scene hang together by one pair and lie apart.
 
 Matches then judge what was found: a photo most of whose strong matches contradict its place (`contradicted`) was placed
 wrongly, and is left out.
@@ -11,29 +12,34 @@ wrongly, and is left out.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
-import os
 import shutil
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.heic import SUFFIXES as HEIC
 from tinysplat_runtime.scene.images import image_size, is_turned, read_image
 from tinysplat_runtime.scene.lenses import load_pycolmap
 from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
 from tinysplat_runtime.system.progress import progress, working
 
-ALL_PAIRS = 100
-"""Photos that are compared each with each."""
+FEW, ALL_PAIRS = 40, 100
+"""Photos that are compared each with each at once, and where some of them could not be placed otherwise."""
 
 SMALL_SIDE = 800
 """Photos of at most so many pixels across have their features found in a picture twice as large."""
 
+T = TypeVar("T")
+
+_PHOTOS_AT_ONCE, _PAIRS_AT_ONCE = 8, 64  # that COLMAP is given, which does not say how far it is
 _SEED = 0  # of RANSAC: the same photos give the same poses
 _OVERLAP, _FARTHEST = 6, 64  # photos before each that it is compared with: so many, and 2, 4, 8 … up to so far
 _ALIKE, _THUMBNAIL = 10, 16  # and so many that look like it, by thumbnails of so many pixels to each side
@@ -58,15 +64,22 @@ class Placement:
 
     Attributes:
         model: the pycolmap.Reconstruction of most photos.
-        others: numbers of photos of further models, which do not join it.
+        others: numbers of photos of further models that do not join it, of those that it lacks.
         wrong: names of photos in the model whose matches contradict their places.
         uncertain: names of photos whose places may be off by more than `UNCERTAIN`, the most uncertain first.
+        parallax: the median over points of the largest angle between two photos' rays to them, degrees.
     """
 
     model: Any
     others: tuple[int, ...]
     wrong: frozenset[str]
     uncertain: tuple[str, ...]
+    parallax: float
+
+    @property
+    def right(self) -> frozenset[str]:
+        """Names of photos in the model whose matches agree with their places."""
+        return frozenset(image.name for image in self.model.images.values() if image.has_pose) - self.wrong
 
 
 def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
@@ -80,22 +93,29 @@ def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
     return first_of
 
 
-def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> list[str]:
-    """Photos in a folder as a viewer shows them, by links where that is how they are stored.
+def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> tuple[dict[str, str], int]:
+    """Photos in a folder as a viewer shows them, by links where that is how they are stored; HEIC as JPEG.
 
     Returns:
-        The names of those that their Exif orientation turns.
+        What each is called there, by name, and how many their Exif orientation turns.
     """
-    turned = [name for name in names if is_turned(photos / name)]
+    called: dict[str, str] = {}
+    turned = 0
     for name in names:
-        if name in turned:
-            (folder / name).write_bytes(encoded(read_image(photos / name), name))
+        stem, suffix = "_".join(Path(name).stem.split()), Path(name).suffix.lower()  # COLMAP's lists split at spaces
+        is_heic = suffix in HEIC
+        kind = ".jpg" if is_heic else suffix
+        free = (f"{stem}{f'_{n}' if n > 1 else ''}{kind}" for n in itertools.count(1))
+        copy = called[name] = next(one for one in free if not (folder / one).exists())
+        if is_heic or is_turned(photos / name):
+            turned += not is_heic
+            (folder / copy).write_bytes(encoded(read_image(photos / name), copy))
             continue
         try:
-            (folder / name).symlink_to((photos / name).resolve())
+            (folder / copy).symlink_to((photos / name).resolve())
         except OSError:  # a system without links
-            shutil.copyfile(photos / name, folder / name)
-    return turned
+            shutil.copyfile(photos / name, folder / copy)
+    return called, turned
 
 
 def encoded(image: NDArray, name: str) -> bytes:
@@ -109,55 +129,104 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
     Args:
         photos: their folder; they are as stored, whatever their Exif orientation.
         names: in the order in which they were taken, where that is known.
-        work: an empty folder for what is found on the way.
+        work: an empty folder for what is found on the way, or that of a call with some of these photos, whose features
+            and matches are used again.
         threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
         quiet: whether to show no progress.
 
     Raises:
         InputError: none could be placed.
     """
+    database = work / "database.db"
+    _find_features(photos, names, database, threads, quiet=quiet)
+    found = None
+    if len(names) > FEW:
+        _match(names, pairs_of_many(photos, names, quiet=quiet), work, threads, quiet=quiet)
+        found = _placed(photos, database, quiet=quiet)
+    is_whole = found is not None and len(found.right) == len(names) and not found.uncertain
+    if len(names) <= FEW or (len(names) <= ALL_PAIRS and not is_whole):
+        every = [(i, j) for j in range(len(names)) for i in range(j)]
+        _match(names, every, work, threads, quiet=quiet)
+        found = _placed(photos, database, quiet=quiet)
+    if found is None:
+        said = "they need texture, overlap, and to be taken from different places"
+        raise InputError(f"no photos could be placed: {said}")
+    return found
+
+
+def _find_features(photos: Path, names: Sequence[str], database: Path, threads: int, *, quiet: bool) -> None:
+    """Features of those photos that a database lacks."""
     pycolmap = load_pycolmap()
     sizes = {image_size(photos / name) for name in names}
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.AUTO
-    database = work / "database.db"
     pycolmap.set_random_seed(_SEED)
     extraction = pycolmap.FeatureExtractionOptions(num_threads=threads, use_gpu=False)
     is_small = max(max(size) for size in sizes) <= SMALL_SIDE
     extraction.max_image_size = SMALL_SIDE if is_small else _PIXELS
     extraction.sift.max_num_features = _SMALL_FEATURES if is_small else _FEATURES
     extraction.sift.first_octave = -1 if is_small else 0
-    with working(f"features of {len(names)} photos", quiet=quiet):
-        pycolmap.Database.open(database).close()
-        # All photos first: they get numbers in their order, not in that in which threads are done with them.
-        pycolmap.import_images(database, photos, mode, image_names=list(names))
-        pycolmap.extract_features(database, photos, list(names), mode, extraction_options=extraction)
-    matching = pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False)
+    reading = pycolmap.ImageReaderOptions()
+    with pycolmap.Database.open(database) as opened:
+        if opened.num_cameras() == 1 and len(sizes) == 1:
+            reading.existing_camera_id = opened.read_all_cameras()[0].camera_id
+        new = [name for name in names if not opened.exists_image(name)]
+    if not new:
+        return
+    # All photos first: they get numbers in their order, not in that in which threads are done with them.
+    pycolmap.import_images(database, photos, mode, image_names=new, options=reading)
+    for part in _by_parts(new, _PHOTOS_AT_ONCE, "features of photos", quiet=quiet):
+        pycolmap.extract_features(database, photos, part, mode, reading, extraction)
+
+
+def _match(names: Sequence[str], pairs: Sequence[tuple[int, int]], work: Path, threads: int, *, quiet: bool) -> None:
+    """Match and verify those pairs of photos that the database lacks."""
+    pycolmap = load_pycolmap()
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
-    options = {"matching_options": matching, "verification_options": verification}
-    if len(names) <= ALL_PAIRS:
-        with working("matching all pairs", quiet=quiet):
-            pycolmap.match_exhaustive(database, **options)
-    else:
-        pairs = pairs_of_many(photos, names, quiet=quiet)
-        (work / "pairs.txt").write_text("".join(f"{names[i]} {names[j]}\n" for i, j in pairs), "utf-8")
-        pairing = pycolmap.ImportedPairingOptions(match_list_path=work / "pairs.txt")
-        with working(f"matching {len(pairs)} pairs", quiet=quiet):
-            pycolmap.match_image_pairs(database, pairing_options=pairing, **options)
-    models = sorted(_mapped(photos, database, work / "models", quiet=quiet), key=lambda one: -one.num_reg_images())
-    if not models:
-        raise InputError(
-            "no photos could be placed: they need texture, overlap, and to be taken from different places",
-            where=os.fspath(photos),
+    listed = work / "pairs.txt"
+    for part in _by_parts(pairs, _PAIRS_AT_ONCE, "matching pairs of photos", quiet=quiet):
+        listed.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in part), "utf-8")
+        pycolmap.match_image_pairs(
+            work / "database.db",
+            pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False),
+            pycolmap.ImportedPairingOptions(match_list_path=listed),
+            verification,
         )
+
+
+def _by_parts(items: Sequence[T], size: int, label: str, *, quiet: bool) -> Iterator[Sequence[T]]:
+    """Parts of so many items, while it shows how many of them all are done."""
+    shown = progress(items, len(items), label, quiet=quiet)
+    while part := list(itertools.islice(shown, size)):
+        yield part
+
+
+def _placed(photos: Path, database: Path, *, quiet: bool) -> Placement | None:
+    """The largest model that matches give, judged by them."""
+    models = sorted(_mapped(photos, database, quiet=quiet), key=lambda one: -one.num_reg_images())
+    if not models:
+        return None
+    names = [{image.name for image in one.images.values() if image.has_pose} for one in models]
     model = models[0]
     loose = {name: off for name, off in uncertainty(model).items() if off > UNCERTAIN}
     return Placement(
         model,
-        tuple(one.num_reg_images() for one in models[1:]),
+        tuple(count for of_one in names[1:] if (count := len(of_one - names[0])) > 1),
         contradicted(model, database),
         tuple(sorted(loose, key=lambda name: -loose[name])),
+        parallax(model),
     )
+
+
+def parallax(model: Any) -> float:
+    """The median over a model's points of the largest angle between two photos' rays to them, degrees."""
+    centres = {i: image.projection_center() for i, image in model.images.items() if image.has_pose}
+    widest = []
+    for point in model.points3D.values():
+        rays = np.stack([centres[seen.image_id] for seen in point.track.elements]) - point.xyz
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True).clip(1e-12)
+        widest.append(float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1)))))
+    return float(np.median(widest)) if widest else 0.0
 
 
 def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> list[tuple[int, int]]:
@@ -179,10 +248,10 @@ def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> 
     return sorted(pairs)
 
 
-def _mapped(photos: Path, database: Path, folder: Path, *, quiet: bool) -> list[Any]:
+def _mapped(photos: Path, database: Path, *, quiet: bool) -> list[Any]:
     """The models that matches give."""
     pycolmap = load_pycolmap()
-    folder.mkdir()
+    folder = tempfile.mkdtemp(dir=database.parent)
     # One thread: with more, sums are added up in another order in every run, and photos are placed or not by that.
     options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=_SEED, min_model_size=2)
     done = 0
