@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -301,22 +302,23 @@ def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) ->
 
 
 class Heard(Told):
-    """Keeps what it is told: kinds and lines, and the labels of steps."""
+    """Keeps what it is told: kinds and lines, and how many items of each step passed."""
 
     listens = True
 
     def __init__(self) -> None:
         self.kinds: list[str] = []
         self.lines: list[str] = []
-        self.steps: list[str] = []
+        self.passed = Counter[str]()
 
     def say(self, kind: Kind, text: str, where: object = "") -> None:
         self.kinds.append(kind)
         self.lines += [f"{where}: {text}" if where else text] * (kind != "step")
 
     def progress(self, label: str, items: Iterable[Any], note: object = str, total: int | None = None) -> Iterator[Any]:
-        self.steps.append(label)
-        return iter(items)
+        for item in items:
+            self.passed[label] += 1
+            yield item
 
 
 def tells(message: str, words: str) -> bool:

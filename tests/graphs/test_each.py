@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from networks.two_planes import FAR, NEAR, TracedScene, trace
 from numpy.typing import NDArray
-from scenes import refusing
+from scenes import Heard, refusing
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -45,19 +45,14 @@ def check_depths(gaussians: Gaussians, scene: TracedScene, order: Sequence[int])
 
 def test_each_photo_is_read_once_and_counted_once(scene: TracedScene) -> None:
     asked: list[int] = []
-    told: list[int] = []
 
     def read(view: int) -> NDArray:
         asked.append(view)
         return scene.images[view]
 
-    def show(items, total, note):
-        for item in items:
-            told.append(total)
-            yield item
-
-    found = predict_each(read, scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras), show)
-    assert sorted(asked) == list(range(VIEWS)) and told == [VIEWS] * VIEWS
+    heard = Heard()
+    found = predict_each(read, scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras), heard)
+    assert sorted(asked) == list(range(VIEWS)) and heard.passed == {"photos": VIEWS}
     assert found.cameras == scene.cameras and found.opacities.shape == (VIEWS, 50, 70)
     assert all(layer.opacities.shape[0] == VIEWS for layer in found.layers)
     check_depths(found, scene, range(VIEWS))
