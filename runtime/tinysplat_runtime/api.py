@@ -255,14 +255,16 @@ class Runtime:
             InputError: `data` is no bytes, `max_bytes` is below 1, or `views` are not different views of the file.
             ModelError: the file carries photos, and the network that it names is not at hand.
         """
-        from .codec.decoder import decode_file, read_file
+        from .codec.decoder import decode_file
+        from .container.reader import read_container
 
         _check(data, bytes | bytearray | memoryview, *BYTES)
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
         watch = watch or Stopwatch()
         with watch.stage("parse"):
-            file = read_file(data, self.limits, max_bytes=max_bytes, is_damaged=lost is not None, views=views)
+            is_prefix, is_damaged, first = max_bytes is not None, lost is not None, memoryview(data)[:max_bytes]
+            file = read_container(first, self.limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views)
             if lost is not None:
                 lost += file.lost
         return decode_file(file, self.store, threads=self.threads, model=model, watch=watch)

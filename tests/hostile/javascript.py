@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from web.node import Decoder
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.decoder import decode_file, read_file
+from tinysplat_runtime.codec.decoder import decode_file
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError
@@ -34,7 +34,8 @@ file's own never do."""
 def reference(data: bytes, options: dict[str, Any], store: GraphStore, limits: Limits) -> ts.Gaussians | str:
     """What the runtime decodes, or why it refuses."""
     try:
-        read = read_file(data, limits, max_bytes=options.get("maxBytes"), is_damaged=bool(options.get("recover")))
+        first, is_prefix = data[: options.get("maxBytes")], "maxBytes" in options
+        read = read_container(first, limits, is_prefix=is_prefix, is_damaged=bool(options.get("recover")))
         return decode_file(read, store, threads=1).flat()
     except FormatError as error:
         return str(error)

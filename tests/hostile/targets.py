@@ -18,7 +18,7 @@ import numpy as np
 from scenes import make_cameras
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians, read_file
+from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, EncoderSettings, find_profile
@@ -95,7 +95,8 @@ def _store() -> GraphStore:
 def _decode(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.tsplat_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
-    read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=rng.random() < 0.2)
+    is_prefix = prefix is not None
+    read = read_container(data[:prefix], LIMITS, is_prefix=is_prefix, is_damaged=rng.random() < 0.2)
     gaussians = decode_file(read, _store(), threads=1)
     check_decoded(gaussians)
     if rng.random() < 0.1:
@@ -111,7 +112,7 @@ def _list(rng: Random) -> None:
     data = damage_whole(rng.choice(corpus.list_seeds()), rng)
     prefix = rng.randrange(len(data) + 10) if rng.random() < 0.2 else None
     is_damaged = rng.random() < 0.2
-    read = read_file(data, LIMITS, max_bytes=prefix, is_damaged=is_damaged)
+    read = read_container(data[:prefix], LIMITS, is_prefix=prefix is not None, is_damaged=is_damaged)
     check_decoded(decode_file(read, _store(), threads=1))
     json.dumps(inspect_bytes(data, LIMITS, is_prefix=prefix is not None or is_damaged), allow_nan=False)
 

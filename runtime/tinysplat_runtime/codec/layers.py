@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from threading import Lock, local
@@ -21,7 +21,7 @@ from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
 from .hevc import PlaneDecoder
-from .missing import PlaneRef, hidden_views, stand_in_code
+from .missing import hidden_views, stand_in_code
 from .synthesis import LayerSynthesis, coded_channels
 
 
@@ -31,7 +31,6 @@ class OpenFile:
 
     Attributes:
         container: its metadata and pictures.
-        missing: pictures that are not at hand, for which something stands in.
         store: opens graphs.
         threads: planes decoded at a time.
         model: the network for a file of photos, by path or name; None to find it by its hash.
@@ -39,7 +38,6 @@ class OpenFile:
     """
 
     container: Container
-    missing: Collection[PlaneRef]
     store: GraphStore
     threads: int
     model: str | None
@@ -55,7 +53,7 @@ def decode_layers(file: OpenFile, planes: Planes) -> Gaussians:
         _decode_layer(_Pictures(file, header, index), synthesis, crew)
         with file.watch.stage("synthesis"):
             layers.append(synthesis.gaussians())
-        layers[-1].opacities[hidden_views(header, index, file.missing)] = 0
+        layers[-1].opacities[hidden_views(header)] = 0
     return Gaussians.stacked(layers).changed(cameras=file.container.cameras)
 
 
@@ -96,7 +94,7 @@ class _Part:
         self._present, self._stand_ins = [], []
         for name, channels in planes.items():
             for slot, channel in enumerate(channels):
-                if PlaneRef(pictures.index, channel, view) in pictures.file.missing:
+                if pictures.layer.channels[channel].lacks(view):
                     self._stand_ins.append((name, slot, stand_in_code(pictures.layer, channel)))
                 else:
                     self._present.append((name, slot, channel))

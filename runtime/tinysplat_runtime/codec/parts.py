@@ -14,7 +14,7 @@ from types import TracebackType
 
 import numpy as np
 
-from ..container.reader import check_views, read_outline
+from ..container.reader import check_views, read_container, read_outline
 from ..container.records import Limits
 from ..container.sections import metadata_range, table_end
 from ..errors import FormatError, InputError
@@ -24,7 +24,7 @@ from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
 from ..system.printable import type_of
-from .decoder import decode_file, read_file
+from .decoder import decode_file
 from .ranges import Ranges
 
 FIRST_BYTES = 1 << 16
@@ -80,7 +80,7 @@ class SceneFile:
             self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
         else:
             self._data = self._up_to(self._data, end + 1)  # a byte more: none may follow the last section
-            whole = self._decode(read_file(self._data, limits))
+            whole = self._decode(read_container(self._data, limits))
             if not whole.is_per_pixel:
                 raise InputError("a file that holds a list has no views to choose from", where="file")
             self.cameras, self._depths = whole.cameras, _depths(whole)
@@ -165,7 +165,7 @@ class SceneFile:
         """Each view by itself, so that what is let go of frees memory."""
         parts = self._read([self._ranges[view] for view in views]) if views else []
         return [
-            self._decode(read_file(self._data, self._limits, views=[view], fetched={view: part}))
+            self._decode(read_container(self._data, self._limits, views=[view], fetched={view: part}))
             for view, part in zip(views, parts, strict=True)
         ]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..container.body import Container
 from ..container.layers import CodedLayer, LayerHeader
 from ..container.planes import Planes
+from ..container.reader import read_container
 from ..container.records import ChannelRecord, CodedChannel, Limits
 from ..errors import FormatError, InputError
 from ..gaussian.gaussians import Gaussians
@@ -26,7 +27,7 @@ from ..graphs.inference import GraphStore
 from ..system.threads import Crew
 from .analysis import ProjectedLayer, color_planes, project_layer, relative_rotation_planes
 from .basis import left_inverse, mean_magnitude_weighting, second_moment_weighting, view_directions
-from .decoder import decode_file, read_file
+from .decoder import decode_file
 from .encoder import write_planes
 from .hevc import CodedPlane, encode_plane
 from .job import EncodeStats, Job
@@ -78,10 +79,9 @@ def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
     gaussians, stats = job.gaussians, job.stats
     with stats.watch.stage("parse"):
         try:
-            read = read_file(file, limits)
-            container = read.container
+            container = read_container(file, limits)
             layers, profile = _checked(gaussians, container)
-            earlier = decode_file(read, job.store, threads=job.threads)
+            earlier = decode_file(container, job.store, threads=job.threads)
         except FormatError as error:
             raise error.within(_WHERE) from None
     coded, crew = [], Crew(job.threads)

@@ -177,6 +177,7 @@ class Container:
         notes: what the scene's maker says about it, and how it was refined.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
         absent: views that it lacks as their bytes are not at hand, or damaged.
+        chosen: views that were asked for, where the mode's need one another and all have to be decoded.
     """
 
     version: tuple[int, int]
@@ -189,6 +190,20 @@ class Container:
     notes: Notes
     total_bytes: int
     absent: tuple[int, ...] = ()
+    chosen: Sequence[int] | None = None
+
+    @property
+    def lost(self) -> list[str]:
+        """Names of the views and pictures that are cut off or damaged."""
+        table = self.table
+        absent = [
+            self.body.picture_name(layer, record, table.views[view])
+            for layer in sorted(table.layers)
+            for record in table.layers[layer]
+            for view in range(len(record.pictures))
+            if record.lacks(view)
+        ]
+        return [*(f"view {view}" for view in self.absent), *absent]
 
     @property
     def mode(self) -> str:

@@ -131,6 +131,11 @@ class FreeTier:
         """One of the channels, each of which there is."""
         return next(c for c in self.channels if c.record.key == (plane_class, target))
 
+    def lacks(self, *classes: PlaneClass) -> bool:
+        """Whether a picture of one of the classes is not at hand."""
+        records = [*(c.record for c in self.channels), *([self.positions] if self.positions else [])]
+        return any(record.lacks(0) for record in records if record.plane_class in classes)
+
 
 @dataclass(frozen=True)
 class FreeScene:

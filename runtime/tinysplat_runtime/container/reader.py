@@ -43,9 +43,8 @@ def read_container(
         data: the whole file, or its first bytes.
         limits: what to accept.
         is_prefix: accept `data` that ends before the file does, as long as it holds the metadata.
-        is_damaged: leave out views whose own table of pictures is cut off or damaged.
-        views: which views of the file to read, in this order, where it has views that can be read one without another
-            (`Body.is_divisible`); None for all.
+        is_damaged: take what is intact of a damaged or cut file, which is refused else.
+        views: read these views alone, in this order; what is decoded is what it is in the whole file. None for all.
         fetched: the parts of DATA by view, for `data` that holds the metadata alone.
 
     Raises:
@@ -53,7 +52,7 @@ def read_container(
         InputError: `views` are not different views of the file.
     """
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
-    is_cut = is_prefix or fetched is not None
+    is_cut = is_prefix or is_damaged or fetched is not None
     version, total, sections = read_table(view, _SHARED | known_kinds(), is_prefix=is_cut)
     scene = only(sections, L.SCENE)
     cursor = Cursor(scene)
@@ -77,8 +76,8 @@ def read_container(
     body = kind.read(opened)
     absent = set(range(table.count) if wanted is None else wanted).difference(table.views)
     notes, name = read_notes(sections), _ascii(profile, scene)
-    sets = opened.parameter_sets
-    return Container(version, name, qp, opened.origin, body, table, sets, notes, total, tuple(sorted(absent)))
+    sets, chosen = opened.parameter_sets, None if kind.is_divisible else views
+    return Container(version, name, qp, opened.origin, body, table, sets, notes, total, tuple(sorted(absent)), chosen)
 
 
 @dataclass(frozen=True)

@@ -37,25 +37,20 @@ class Picture:
     """One coded picture, or what else a row of the table holds for a view.
 
     Attributes:
-        data: its bytes, as far as they are at hand.
+        data: its bytes; None where they are cut off, or altered in a file that is recovered.
         length, crc: how many there are, and their CRC-32.
         end: where it ends in the file.
     """
 
-    data: memoryview
+    data: memoryview | None
     length: int
     crc: int
     end: int
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether the bytes at hand reach to its end; always in a whole file."""
-        return len(self.data) == self.length
-
     def checked(self, where: str) -> memoryview:
         """Its bytes; FormatError with `where` unless they are those that were written."""
-        if not self.is_whole:
-            raise FormatError(f"cut short: {len(self.data)} of {self.length} bytes", where=where)
+        if self.data is None:
+            raise FormatError("cut short, or its bytes were altered", where=where)
         if crc32(self.data) != self.crc:
             raise FormatError("CRC differs: the bytes were altered", where=where)
         return self.data
@@ -88,6 +83,10 @@ class ChannelRecord:
     def name(self) -> str:
         """For messages and reports."""
         return f"{self.plane_class.label}{self.target}"
+
+    def lacks(self, view: int) -> bool:
+        """Whether it has a picture of the view, but not its bytes."""
+        return bool(self.pictures) and self.pictures[view].data is None
 
 
 @dataclass(frozen=True)

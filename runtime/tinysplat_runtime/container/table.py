@@ -138,7 +138,8 @@ def read_pictures(
     Args:
         pict, data: the sections PICT and DATA, of which the second may be cut off.
         wanted: views that there are.
-        is_prefix, is_damaged: leave out views whose own table is cut off, or damaged.
+        is_prefix: leave out views whose own table is cut off.
+        is_damaged: leave out views whose own table is damaged, and pictures whose CRC differs.
         fetched: parts by view, in place of `data`.
 
     Raises:
@@ -150,34 +151,41 @@ def read_pictures(
         raise FormatError(f"{data.length} bytes, its pictures need {total}", where=data.label)
     start, views = data.end - data.length, tuple(range(found.views)) if wanted is None else tuple(wanted)
     if not found.by_view:
-        return Table(
-            _rows(found, _placed(found.streams, data.data, start), range(found.views), views), views, found.views
-        )
-    ranges, tables = found.ranges(start), {}
+        pictures = _placed(found.streams, data.data, start, is_damaged)
+        return Table(_rows(found, pictures, range(found.views), views), views, found.views)
+    ranges, held = found.ranges(start), {}
     for view in views:
         first, length = ranges[view]
         part = data.data[first - start : first - start + length] if fetched is None else _fetched(fetched, view, length)
-        if length < found.table_bytes:
-            raise FormatError(f"{length} bytes, its table has {found.table_bytes}", where=f"view {view}")
-        table = part[: found.table_bytes]
-        is_here = len(table) == found.table_bytes
-        is_intact = is_here and crc32(table) == found.streams[view][1]
-        if not is_intact:
-            if is_damaged or (is_prefix and not is_here):
-                continue
-            reason = "CRC of its table differs: the bytes were altered" if is_here else f"{len(part)} bytes: cut short"
-            raise FormatError(reason, where=f"view {view}")
-        streams = tuple(L.STREAM.iter_unpack(table))
-        tables[view] = _placed(streams, part[found.table_bytes :], first + found.table_bytes)
-        needed = found.table_bytes + sum(length for length, _ in streams)
-        if needed != length:
-            raise FormatError(f"{length} bytes, its table and pictures have {needed}", where=f"view {view}")
-    if not tables:
+        own = _part(found, view, part, first, is_prefix=is_prefix, is_damaged=is_damaged)
+        if own is not None:
+            held[view] = own
+    if not held:
         end = min(ranges[view][0] for view in views) + found.table_bytes
         raise FormatError(f"holds no intact view; the table of the first ends at byte {end}", where="file")
-    shown = tuple(tables)
-    by_row = [picture for row in zip(*tables.values(), strict=True) for picture in row]
-    return Table(_rows(found, by_row, shown, shown), shown, found.views, ranges)
+    by_row = [picture for row in zip(*held.values(), strict=True) for picture in row]
+    return Table(_rows(found, by_row, tuple(held), tuple(held)), tuple(held), found.views, ranges)
+
+
+def _part(
+    found: Rows, view: int, part: memoryview, start: int, *, is_prefix: bool, is_damaged: bool
+) -> list[Picture] | None:
+    """The pictures of a view, of its part from byte `start` of the file on; None where its table is not at hand."""
+    length, crc = found.streams[view]
+    table, where = part[: found.table_bytes], f"view {view}"
+    if length < found.table_bytes:
+        raise FormatError(f"{length} bytes, its table has {found.table_bytes}", where=where)
+    is_here = len(table) == found.table_bytes
+    if not is_here or crc32(table) != crc:
+        if is_damaged or (is_prefix and not is_here):
+            return None
+        reason = "CRC of its table differs: the bytes were altered" if is_here else f"{len(part)} bytes: cut short"
+        raise FormatError(reason, where=where)
+    streams = tuple(L.STREAM.iter_unpack(table))
+    needed = found.table_bytes + sum(size for size, _ in streams)
+    if needed != length:
+        raise FormatError(f"{length} bytes, its table and pictures have {needed}", where=where)
+    return _placed(streams, part[found.table_bytes :], start + found.table_bytes, is_damaged)
 
 
 def _read_row(cursor: Cursor) -> tuple[int, ChannelRecord, bool]:
@@ -190,13 +198,15 @@ def _read_row(cursor: Cursor) -> tuple[int, ChannelRecord, bool]:
     return layer, record, qp != L.CONSTANT
 
 
-def _placed(streams: Sequence[tuple[int, int]], data: memoryview, start: int) -> list[Picture]:
+def _placed(streams: Sequence[tuple[int, int]], data: memoryview, start: int, is_damaged: bool) -> list[Picture]:
     """Pictures one behind the other, the first at byte `start` of the file and of `data`'s beginning."""
-    ends = list(accumulate((length for length, _ in streams), initial=0))
-    return [
-        Picture(data[at : at + length], length, crc, start + at + length)
-        for at, (length, crc) in zip(ends, streams, strict=False)
-    ]
+    pictures, at = [], 0
+    for length, crc in streams:
+        found = data[at : at + length]
+        is_here = len(found) == length and not (is_damaged and crc32(found) != crc)
+        at += length
+        pictures.append(Picture(found if is_here else None, length, crc, start + at))
+    return pictures
 
 
 def _rows(

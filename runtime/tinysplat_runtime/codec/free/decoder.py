@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...container.free import DETERMINING, FreeChannel, FreeScene, FreeTier, order_of, position_streams
-from ...container.records import ChannelRecord
 from ...errors import FormatError
 from ...gaussian.curve import cells_of
 from ...gaussian.gaussians import Gaussians
@@ -29,23 +28,23 @@ _ROWS = 1 << 16
 
 @dataclass(frozen=True)
 class _Tier:
-    """A tier, and which of its rows have bytes that are not at hand."""
+    """A tier of a file."""
 
     file: OpenFile
     number: int
     own: FreeTier
-    absent: frozenset[ChannelRecord]
 
     @property
     def is_present(self) -> bool:
         """Whether it is shown: the first one wherever its positions are, others if only rotations lack."""
-        needed = {r.plane_class for r in self.absent} - {PlaneClass.ROTATION}
-        return not needed or (self.number == 0 and PlaneClass.POSITION not in needed)
+        if self.own.lacks(PlaneClass.POSITION):
+            return False
+        return self.number == 0 or not self.own.lacks(PlaneClass.OPACITY, PlaneClass.SCALE, PlaneClass.COLOR)
 
     def values(self, channel: FreeChannel, order: Order) -> NDArray:
         """A channel's numbers, (count,) float64 by the curve."""
         record = channel.record
-        if record in self.absent:
+        if record.lacks(0):
             return np.full(self.own.count, channel.centre)
         if not record.pictures:
             return channel_values(channel, None, order)
@@ -63,11 +62,7 @@ def decode_free(file: OpenFile, scene: FreeScene) -> Gaussians:
     Raises:
         FormatError: damaged; or of the first tier the positions or a picture that the order of others depends on lack.
     """
-    tiers = []
-    for number, tier in enumerate(scene.tiers):
-        records = file.container.table.layer(number)
-        absent = frozenset(records[ref.channel] for ref in file.missing if ref.layer == number)
-        tiers.append(_Tier(file, number, tier, absent))
+    tiers = [_Tier(file, number, tier) for number, tier in enumerate(scene.tiers)]
     present = next((tier.number for tier in tiers if not tier.is_present), len(tiers))
     if not present:
         raise FormatError("holds no positions", where="file")
@@ -90,7 +85,7 @@ def _decode_tier(scene: FreeScene, tier: _Tier, growth: float, crew: Crew) -> di
     orders, counts = [along_the_curve(own.count)], np.zeros(own.count, np.uint16)
     for place, name in enumerate(DETERMINING):
         channel = own.channel(*name)
-        if channel.record in tier.absent:
+        if channel.record.lacks(0):
             lacking = f"holds no intact picture of {channel.record.name}, by which others are sorted"
             raise FormatError(lacking, where="file")
         found[name] = tier.values(channel, orders[place])
@@ -101,7 +96,7 @@ def _decode_tier(scene: FreeScene, tier: _Tier, growth: float, crew: Crew) -> di
     jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]
     found |= dict(zip(rest, crew.map(lambda job: tier.values(*job), jobs), strict=True))
     columns = columns_of(found, scene.size_middle, scene.mean, scene.basis)
-    if len(scene.tiers) > 1 and any(record.plane_class == PlaneClass.ROTATION for record in tier.absent):
+    if len(scene.tiers) > 1 and own.lacks(PlaneClass.ROTATION):
         columns = columns.as_spheres()
     return {"means": means, **from_columns(columns, growth)}
 

@@ -34,7 +34,7 @@ def coder(job: Job) -> PlanesCoder:
 def decode(file: OpenFile, body: Planes) -> Gaussians:
     """The file's Gaussians; FormatError where no depth picture of the first layer is at hand."""
     first = body.layers[0]
-    if file.missing and len(hidden_views(first, 0, file.missing)) == len(first.cameras):
+    if len(hidden_views(first)) == len(first.cameras):
         end = first_picture_end(body)
         raise FormatError(f"holds no intact depth picture; the first of them ends at byte {end}", where="file")
     return decode_layers(file, body)
