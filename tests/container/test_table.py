@@ -63,6 +63,14 @@ def test_pictures_are_where_the_page_says_in_whatever_order(data, by_view):
         assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in FIELDS)
 
 
+def test_only_planes_are_in_parts(gaussians):
+    few = ts.compress(replace(gaussians.layers[0], extra_layers=()), lossless=True)
+    with refusing(FormatError, "PICT[0] lossless"):
+        read_container(repacked(few, by_view=True))
+    with Decoder() as tsplat_js:
+        assert tsplat_js(repacked(few, by_view=True))[0]["section"] == "PICT[0]"
+
+
 @pytest.mark.parametrize("views", [[0], [6, 2], [5, 1, 3]])
 def test_some_views_are_read_from_their_bytes_alone(data, views):
     """Cameras and quaternions of the file's own; pictures, as a whole file gives them."""

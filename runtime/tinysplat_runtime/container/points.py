@@ -37,7 +37,7 @@ class Points(Body):
         most = file.limits.max_layers
         require(1 <= file.layer_count <= most, file.scene, f"{file.layer_count} tiers, accepted are 1 to {most}")
         require(file.views <= L.MAX_VIEWS, file.scene, f"{file.views} cameras, accepted are 0 to {L.MAX_VIEWS}")
-        require(file.table.count == 1 and not file.table.parts, file.scene, "rows of a list with several pictures")
+        require(file.table.count == 1, file.scene, f"rows of a list with {file.table.count} pictures")
         file.check_rows(CLASSES)
         return cls(scene=read_list(file), viewpoints=file.cameras_of(range(file.views)))
 

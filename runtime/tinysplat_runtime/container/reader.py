@@ -72,6 +72,7 @@ def read_container(
     table = read_pictures(
         pict, pictures, wanted, is_prefix=is_prefix or is_damaged, is_damaged=is_damaged, fetched=fetched
     )
+    require(kind.is_divisible or not table.parts, pict, f"parts by view in a file of mode {kind.mode}")
     opened = Opened(scene, sections, view_count, layer_count, table, np.array(origin), limits or Limits())
     body = kind.read(opened)
     absent = set(range(table.count) if wanted is None else wanted).difference(table.views)

@@ -118,7 +118,7 @@ export function readContainer(bytes, reading) {
   const wanted = chosenViews(mode, viewCount, reading.views);
   const table = readPictures(sections, mode === "gaussians" ? wanted : undefined, reading);
   scene.require(table.count === (isList ? 1 : viewCount), `pictures of ${table.count} views of ${viewCount}`);
-  require(!isList || !table.parts.length, "parts by view of a list", "PICT[0]");
+  require(mode === "gaussians" || !table.parts.length, `parts by view in a file of mode ${mode}`, "PICT[0]");
   for (const channel of table.rows) {
     const belongs = MODES[mode].classes.includes(channel.planeClass) && channel.layer < Math.max(count, 1);
     require(belongs, `a row ${channelName(channel)} of layer ${channel.layer} in a file of mode ${mode}`, "PICT[0]");
