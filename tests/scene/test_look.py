@@ -92,6 +92,17 @@ def another_scene(_: NDArray | None = None) -> NDArray:
     return texture(*np.meshgrid(np.linspace(20, 24, W), np.linspace(20, 23, H)))
 
 
+def barred(own: NDArray) -> NDArray:
+    """A photo with bars at its top and bottom."""
+    return np.pad(own[18:-18], ((18, 18), (0, 0), (0, 0)))
+
+
+def bannered(own: NDArray) -> NDArray:
+    """A photo with squares along its bottom."""
+    squares = np.kron(np.random.default_rng(0).integers(0, 2, (2, 16)), np.ones((12, 12)))
+    return np.concatenate([own[:-24], np.repeat(squares[..., None], 3, axis=2)])
+
+
 def rolled(degrees: float) -> NDArray:
     return np.block([[Rotation.from_euler("z", degrees, degrees=True).as_matrix(), np.zeros((3, 1))], [0, 0, 0, 1]])
 
@@ -226,12 +237,41 @@ def test_photos_that_are_not_their_cameras_are_told(tmp_path: Path, order, chang
         (lambda own: 1 - own, "photo 2 (1.png)"),
         (another_scene, "photo 2 (1.png)"),
         (lambda own: 0.7 * own, None),
+        (lambda own: 0.15 * own, "photo 2 (1.png) 0.15"),
+        (lambda own: own[..., ::-1], "photo 2 (1.png) has its colours exchanged"),
+        (lambda own: np.roll(own, 12, axis=0), "photo 2 (1.png) 8%"),
+        (lambda own: barred(own), "photo 2 (1.png) has black bars"),
     ],
-    ids=["black", "twice", "upside down", "mirrored", "negative", "another scene's", "darker"],
+    ids=[
+        "black",
+        "twice",
+        "upside down",
+        "mirrored",
+        "negative",
+        "another scene's",
+        "darker",
+        "much darker",
+        "colours exchanged",
+        "shifted",
+        "bars",
+    ],
 )
 def test_a_photo_that_does_not_belong_is_named(tmp_path: Path, change, words: str | None) -> None:
     scene = walls(tmp_path, FOUR, {1: change})
     assert doubted(scene, words) if words else doubts(scene) == []
+
+
+@pytest.mark.parametrize(("change", "words"), [(barred, "all photos"), (bannered, "one place of the picture")])
+def test_what_is_on_all_photos_is_told(tmp_path: Path, change, words: str) -> None:
+    assert doubted(walls(tmp_path, FOUR, dict.fromkeys(range(4), change)), words)
+
+
+def test_dark_things_on_black_are_no_bars(tmp_path: Path) -> None:
+    """What a round thing leaves black at the borders ends nowhere straight."""
+    v, u = np.mgrid[:H, :W]
+    disc = (np.hypot(v - H / 2, u - W / 2) < 0.45 * H)[..., None]
+    scene = walls(tmp_path, FOUR, dict.fromkeys(range(4), lambda own: own * disc))
+    assert not doubted(scene, "black bars")
 
 
 def test_of_many_photos_one_of_another_scene_is_named(tmp_path: Path) -> None:

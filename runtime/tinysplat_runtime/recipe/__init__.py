@@ -8,7 +8,7 @@ functions of `api` fill in the same request and hand it to the same function.
     memory.py      whether they fit
     refinement.py  whether they correct what comes of them, where nobody said
     plan.py        how long it will take, step by step
-    doubts.py      what is likely wrong with them
+    doubts/        what is likely wrong with them, a module per kind of evidence
     stages.py      refinement and coding: a step each
     encode.py      all of it, in order, and the same of Gaussians that are at hand
     export.py      Gaussians on their way out: what `decode` and `convert` do

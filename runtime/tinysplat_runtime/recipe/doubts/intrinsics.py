@@ -1,0 +1,44 @@
+"""Intrinsics that no photo has, by their numbers alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...scene.cameras import Camera
+from .seen import Seen
+
+LARGEST_SKEW = 0.01
+"""Skew over focal length that pixels of no camera have."""
+
+SHRUNK = 0.4
+"""Of a photo's width and height: without distortion no less is left of one that a lens took."""
+
+CENTRAL = (0.1, 0.9)
+"""Where in a photo's width and height its principal point lies, even of one that was cut out of another."""
+
+
+def impossible(seen: Seen) -> list[str]:
+    """Intrinsics that no photo has."""
+    for name, camera, frame in zip(seen.names, seen.cameras, seen.frames, strict=True):
+        if frame.lens is not None:
+            pinhole = frame.lens.camera(np.eye(4))
+            if pinhole.width < SHRUNK * frame.lens.width or pinhole.height < SHRUNK * frame.lens.height:
+                sizes = f"{frame.lens.width}x{frame.lens.height} to {pinhole.width}x{pinhole.height}"
+                return [f"{name}: its distortion (k1, k2, …) shrinks it from {sizes} pixels, as that of no lens does"]
+        if text := _off_centre(camera):
+            return [f"{name}: {text}"]
+        skew = camera.K[0, 1] / camera.K[0, 0]
+        if abs(skew) > LARGEST_SKEW:
+            fault = f"K has a skew of {skew:.0%} of the focal length, which photos do not have: K[0][1] is 0"
+            return [f"{name}: {fault}"]
+    return []
+
+
+def _off_centre(camera: Camera) -> str:
+    """What to say of a principal point that no photo has, which lies at the border or beyond."""
+    x, y = camera.K[0, 2] / camera.width, camera.K[1, 2] / camera.height
+    low, high = CENTRAL
+    if low <= x <= high and low <= y <= high:
+        return ""
+    place = f"({100 * x:.0f} %, {100 * y:.0f} %) of width and height"
+    return f"K's principal point lies at {place}, where it is near (50 %, 50 %): of another size of photo, or missing"
