@@ -6,6 +6,7 @@ pycolmap (extra `poses`) as `colmap image_undistorter` does: the largest picture
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 from collections.abc import Sequence
@@ -22,6 +23,8 @@ from .cameras import MAX_IMAGE_SIDE, Camera
 
 PINHOLES = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3}
 """Models without distortion, and how many parameters they have."""
+
+_SAME_PIXELS = 0.1
 
 INSTALL = 'pip install "tinysplat[poses]"'
 
@@ -147,6 +150,38 @@ def opencv_lens(
     if k1 or k2 or p1 or p2:
         return Lens("OPENCV", (*base, k1, k2, p1, p2), width, height)
     return Lens("PINHOLE", base, width, height)
+
+
+def brown_lens(
+    focal: Sequence[float],
+    centre: Sequence[float],
+    radial: Sequence[float],
+    tangential: Sequence[float],
+    size: tuple[int, int],
+) -> Lens:
+    """A lens of Brown's polynomial 1 + k1 r² + … + k4 r⁸, of which OpenCV's has no k4: then a fraction of OpenCV's that
+    is the same within a tenth of a pixel.
+
+    Args:
+        focal, centre, size: see `opencv_lens`.
+        radial: k1 to k4.
+        tangential: p1 and p2 in OpenCV's order.
+
+    Raises:
+        InputError: no such fraction is.
+    """
+    *terms, k4 = radial
+    if k4:
+        reach = 1.2 * math.hypot(*(max(c, side - c) / f for c, side, f in zip(centre, size[::-1], focal, strict=True)))
+        square = np.linspace(0, reach, 200) ** 2
+        wanted = np.polynomial.Polynomial([1, *radial])(square)
+        powers = square[:, None] ** np.arange(1, 4)
+        sides, *_ = np.linalg.lstsq(np.hstack([powers, -wanted[:, None] * powers]), wanted - 1, rcond=None)
+        found = (1 + powers @ sides[:3]) / (1 + powers @ sides[3:])
+        if not np.abs((found - wanted) * np.sqrt(square)).max() * max(focal) < _SAME_PIXELS:
+            raise InputError(f"{k4:g}, a term of r⁸, which no camera here has: calibrate without it", where="k4")
+        terms = [float(value) for value in sides]
+    return opencv_lens(focal, centre, [*terms, *[0.0] * (6 - len(terms)), *tangential], size, fisheye=False)
 
 
 def load_pycolmap() -> ModuleType:

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 from ...errors import InputError, warn
 from ...system.files import parsing, read_limited
-from ..lenses import Lens, opencv_lens
+from ..lenses import Lens, brown_lens, opencv_lens
 from ..scenes import MAX_CAMERAS_BYTES
 from .tracked import Track, Tracked, number, numbers, posed
 
@@ -93,13 +93,14 @@ def _lens(sensor: ElementTree.Element, size: tuple[int, int]) -> Lens:
         if abs(value(term)) * (0.5 if term == "b2" else max(width, height)) > _HARDLY:
             raise InputError(f"{value(term):g}, which no camera here has: export without it", where=f"{name}.{term}")
     fx, fy = value("fx") or value("f") + value("b1"), value("fy") or value("f")
-    is_fisheye = kind == "fisheye"
-    if value("k4") and not is_fisheye:
-        fault = f"{value('k4'):g}, a term of r⁸, which no camera here has: optimise without it"
-        raise InputError(fault, where=f"{name}.k4")
-    terms = (value("k1"), value("k2"), value("k3"), value("k4"), 0.0, 0.0, value("p2"), value("p1"))
     centre = (width / 2 + value("cx"), height / 2 + value("cy"))
-    return opencv_lens((fx, fy), centre, terms, (height, width), fisheye=is_fisheye)
+    radial, tangential = [value(f"k{n}") for n in range(1, 5)], (value("p2"), value("p1"))
+    try:
+        if kind == "fisheye":
+            return opencv_lens((fx, fy), centre, [*radial, 0.0, 0.0, *tangential], (height, width), fisheye=True)
+        return brown_lens((fx, fy), centre, radial, tangential, (height, width))
+    except InputError as error:
+        raise error.within(name) from None
 
 
 def _values(calibration: ElementTree.Element, name: str) -> Callable[[str], float]:

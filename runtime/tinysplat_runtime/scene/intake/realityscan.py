@@ -3,8 +3,8 @@
 A header, then a row for each photo: `#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2`. z points up;
 without turns a camera looks down, its top to y; heading turns clockwise about z after pitch about x after roll about
 y, in degrees. f is of a picture 36 wide along its longer side, px and py are shares of that side from the middle.
-Distortion is Brown's, in OpenCV's terms with t for p and k4 for r⁸. Source: RealityScan Help, "Registration export",
-and Epic's "Camera Geometry in RealityScan".
+Distortion is Brown's: k1 to k4 by r², r⁴, r⁶ and r⁸, and t for OpenCV's p. Source: RealityScan Help, "Registration
+export", and Epic's "Camera Geometry in RealityScan".
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...system.files import read_limited
-from ..lenses import Lens, opencv_lens
+from ..lenses import Lens, brown_lens
 from ..scenes import MAX_CAMERAS_BYTES
 from .nerfstudio import OPENGL_TO_OPENCV
 from .tracked import Track, Tracked, number, posed
@@ -67,16 +67,14 @@ def _about(axis: int, angle: float) -> np.ndarray:
     return turn
 
 
-_TERMS = ("k1", "k2", "k3", "k4", "t1", "t2")
-_NUMBERS = {*_NEEDED[1:], "px", "py", *_TERMS}
+_TERMS = (("k", 4), ("t", 2))
+_NUMBERS = {*_NEEDED[1:], "px", "py", "k1", "k2", "k3", "k4", "t1", "t2"}
 
 
 def _lens(values: dict[str, float], size: tuple[int, int]) -> Lens:
     height, width = size
     longer = max(size)
-    k1, k2, k3, k4, t1, t2 = (values.get(term, 0.0) for term in _TERMS)
-    if k4:
-        raise InputError(f"{k4:g}, a term of r⁸, which no camera here has: choose the model Brown3", where="k4")
     focal = values["f"] * longer / _FILM
     centre = (width / 2 + values.get("px", 0.0) * longer, height / 2 + values.get("py", 0.0) * longer)
-    return opencv_lens((focal, focal), centre, (k1, k2, k3, 0.0, 0.0, 0.0, t1, t2), size, fisheye=False)
+    radial, tangential = ([values.get(f"{letter}{n}", 0.0) for n in range(1, count + 1)] for letter, count in _TERMS)
+    return brown_lens((focal, focal), centre, radial, tangential, size)
