@@ -89,14 +89,21 @@ class Browser:
             case "Log.entryAdded":
                 self.messages.append(said["params"]["entry"]["text"])
 
-    def open(self, address: str, width: int, height: int, *, touch: bool = False) -> Tab:
-        """A page in a window of so many pixels."""
+    def open(
+        self, address: str, width: int, height: int, *, touch: bool = False, ratio: float = 1, moves: bool = False
+    ) -> Tab:
+        """A page in a window of so many pixels, `ratio` of the screen's each; `moves` by itself, too."""
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
         session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         tab = Tab(self, session, target)
         for domain in ("Runtime", "Log", "Page"):
             tab.send(f"{domain}.enable")
-        tab.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=touch)
+        tab.send(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=ratio, mobile=touch
+        )
+        if moves:
+            motion = {"name": "prefers-reduced-motion", "value": "no-preference"}
+            tab.send("Emulation.setEmulatedMedia", features=[motion])
         tab.send("Page.navigate", url=address)
         return tab
 

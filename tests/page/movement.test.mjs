@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { Bound, elastic, lightAt, poseBetween, walk } from "../../runtime/tinysplat_runtime/page/bound.js";
-import { Camera, fillingZoom } from "../../runtime/tinysplat_runtime/page/camera.js";
+import { Camera } from "../../runtime/tinysplat_runtime/page/camera.js";
 import { fadeAt } from "../../runtime/tinysplat_runtime/page/cloud.js";
 import { BoundMover, FreeMover } from "../../runtime/tinysplat_runtime/page/movers.js";
 import { add, dot, length, turned } from "../../runtime/tinysplat_runtime/page/vectors.js";
@@ -12,7 +12,6 @@ const WINDOW = [800, 600], random = randoms();
 
 function start(views, spread = 0.25) {
   const camera = new Camera(views[0], 4), bound = new Bound(views, 4, spread);
-  camera.zoom = fillingZoom(camera, ...WINDOW);
   return { camera, bound, mover: new BoundMover(camera, bound, UP, () => WINDOW) };
 }
 
@@ -152,12 +151,6 @@ test("arrows and letters turn as a drag to the other side does", () => {
   }
   const [closer, away] = [1, -1].map((forward) => keyed([0, 0, forward, 0, 0])[0]);
   assert.ok(closer[2] > still[0][2] && away[2] < still[0][2]);
-});
-
-test("windows are filled where little is lost", () => {
-  const [whole, wide, tall] = [[640, 480], [800, 500], [390, 844]].map(([w, h]) => fillingZoom(view(0), w, h));
-  assert.equal(whole, 1);
-  assert.ok(wide > 1 && wide <= 800 / 640 * 480 / 500 + 1e-9 && tall > 1 && tall < 844 / 480 * 640 / 390);
 });
 
 test("what lies beyond a picture fades", () => {

@@ -22,6 +22,7 @@ from scenes import make_smooth_gaussians, psnr
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.page.build import player_page, scene_page
+from tinysplat_runtime.page.front import front_view
 
 LEAST_DB = 40.0
 
@@ -194,7 +195,7 @@ def test_the_player_opens_what_is_linked(browser: Browser, tmp_path: Path) -> No
     gaussians = ts.decompress(data)
     (tmp_path / "player.html").write_text(player_page())
     (tmp_path / "a b.tsplat").write_bytes(data)
-    camera = gaussians.cameras[0]
+    camera = gaussians.cameras[front_view(gaussians.cameras)]  # as a page of the same file begins
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}/player.html?file=a%20b.tsplat&bare"

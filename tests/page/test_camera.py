@@ -12,7 +12,7 @@ from page.scripts import run as run_with
 from scipy.spatial.transform import Rotation, Slerp
 
 START = """
-import { Camera, fillingZoom } from "./camera.js";
+import { Camera } from "./camera.js";
 import { add, between, clamp, cross, dot, length, mix, scaled, turned, unit } from "./vectors.js";
 const camera = new Camera(VIEW, 4);
 camera.zoom = 1.3;

@@ -216,6 +216,11 @@ def _view(commands: Commands) -> None:
     parser.add_argument("file", metavar="F", nargs="?", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
     parser.add_argument(
+        "--files",
+        action="store_true",
+        help="--html names a folder, whose files work on sites that allow no inline scripts",
+    )
+    parser.add_argument(
         "--player",
         action="store_true",
         help="a page without a scene, which opens files that are dropped on it, chosen, or named by ?file=URL",

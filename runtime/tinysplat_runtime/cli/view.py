@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import http.server
 import io
+import math
 import re
 import threading
 import webbrowser
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
@@ -24,8 +26,8 @@ from ..container.photos import Photos
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
-from ..page.build import player_page, scene_page
-from ..page.front import front_view
+from ..page.build import SCENE, player_page, scene_files, scene_page
+from ..page.front import front_of, front_view
 from ..render import Renderer
 from ..render.near import FEW
 from ..scene.cameras import Camera
@@ -39,11 +41,11 @@ from .player import write_player
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
 
-SOURCE = "scene.tsplat"
-"""Where a served page finds a capture, of which it reads the views that are near."""
-
-POSTER_SIDE = 400
+POSTER_SIDE = 480
 """Pixels of the longer side of the picture that is shown until the scene is drawn."""
+
+MOST_PHOTO = 2_000_000
+"""Pixels of a photo that a page carries to compare with."""
 
 FOREIGN_HOST = "This page is for this machine: open it at http://127.0.0.1, or write it to a file with --html\n"
 
@@ -62,10 +64,18 @@ def view(args: Namespace) -> None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")
     else:
         path = args.html or args.output
+        if args.files and path is None:
+            raise InputError("goes with --html FOLDER", where="--files")
+        content = Content.of(args.file, args.cameras, args.photos)
         if path is None:
-            page, parts = make_page(args.file, args.cameras, args.photos, beside=SOURCE)
+            source = SCENE if content.view_count > FEW else None
+            parts = {} if source is None else {source: content.data}
+            page = scene_page(content.data, source=source, **content.shown)
             return serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
-        written = _written(path, make_page(args.file, args.cameras, args.photos)[0])
+        if args.files:
+            written = _written_files(path, scene_files(content.data, **content.shown))
+        else:
+            written = _written(path, scene_page(content.data, **content.shown))
     if not args.quiet:
         print(written)
 
@@ -78,36 +88,58 @@ def _written(path: str | None, page: str) -> str:
     return f"{path}: {len(text) / 1e3:.0f} KB, opens without a network"
 
 
-def make_page(
-    file: str, cameras_file: str | None, photos_of: str | None, *, beside: str | None = None
-) -> tuple[str, dict[str, bytes]]:
-    """The page of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`, and
-    what lies beside it: a capture, at the address `beside`.
+def _written_files(folder: str, files: Mapping[str, bytes]) -> str:
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(error.strerror or "cannot be made", where=folder) from None
+    for name, data in files.items():
+        write_atomically(target / name, data)
+    size = sum(map(len, files.values()))
+    return f"{target / 'index.html'}: {size / 1e3:.0f} KB in {len(files)} files, for a web server to give"
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a page shows.
+
+    Attributes:
+        data: the .tsplat file.
+        view_count: how many views it has.
+        shown: the rest, as `page.build.scene_page` takes it.
     """
-    data, views = _file(file)
-    cameras = load_cameras(cameras_file) if cameras_file and not views else []
-    photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
-    first = front_view(views)
-    poster = _poster(data, views[first]) if views else None
-    source = beside if len(views) > FEW else None
-    page = scene_page(
-        data,
-        title=printable(Path(file).stem),
-        cameras=cameras,
-        photos=photos,
-        first=first,
-        poster=poster,
-        source=source,
-    )
-    return page, {} if source is None else {source: data}
+
+    data: bytes
+    view_count: int
+    shown: dict[str, Any]
+
+    @classmethod
+    def of(cls, file: str, cameras_file: str | None, photos_of: str | None) -> Content:
+        """Of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
+        data, views = _file(file)
+        cameras = load_cameras(cameras_file) if cameras_file and not views else []
+        photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
+        first = front_view(views or cameras)
+        shown = {"title": printable(Path(file).stem), "cameras": cameras, "photos": photos, "first": first}
+        poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views))
+        return cls(data, len(views), shown | {"poster": poster})
 
 
-def _poster(data: bytes, camera: Camera) -> NDArray:
-    """The picture (H, W, 3) from one of a file's cameras; of a capture, the views next to it alone are decoded."""
+def _poster(data: bytes, camera: Camera | None, has_views: bool) -> NDArray:
+    """The picture (H, W, 3) from a camera, of a capture by the views next to it alone; of a list, from the front where
+    there is none.
+    """
+    if has_views:
+        assert camera is not None
+        with open_file(io.BytesIO(data)) as file:
+            gaussians = file.near(camera)
+    else:
+        gaussians = decompress(data)
+        camera = camera or front_of(gaussians)
     scale = min(1.0, POSTER_SIDE / max(camera.height, camera.width))
     small = camera.resized(round(scale * camera.height), round(scale * camera.width))
-    with open_file(io.BytesIO(data)) as file:
-        return Renderer(file.near(camera)).render(small)
+    return Renderer(gaussians).render(small)
 
 
 def serve(
@@ -195,7 +227,10 @@ def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:
     for i, camera in enumerate(cameras):
         photo, *_ = taken_as(camera, scene, reach)
         if photo is not None:
-            photos[i] = scene.frames[photo].resized(camera.height, camera.width).image()
+            own = scene.frames[photo].camera
+            most = max(own.height / camera.height, own.width / camera.width, 1.0)
+            scale = min(most, max(math.sqrt(MOST_PHOTO / (camera.height * camera.width)), 1.0))
+            photos[i] = scene.frames[photo].resized(round(scale * camera.height), round(scale * camera.width)).image()
     if not photos:
         raise InputError("no photo was taken from any of the file's views", where=str(scene.path))
     return photos

@@ -1,7 +1,8 @@
-"""Pages: a `.tsplat` file with the scripts that decode and draw it, as one HTML text, or a player of any such file.
+"""Pages: a `.tsplat` file with the scripts that decode and draw it, as one HTML text or as a folder of files, or a
+player of any such file.
 
-Scripts are modules: those of `web/`, which decode, and those here. They travel as gzip; start.js unpacks and starts
-them. Bytes are written to base 85, which takes a quarter more than they do.
+Scripts are modules: those of `web/`, which decode, and those here. In one text they travel as gzip; start.js unpacks
+and starts them. Bytes are written to base 85, which takes a quarter more than they do.
 """
 
 from __future__ import annotations
@@ -32,6 +33,21 @@ _MARKUP = bytes.maketrans(b"<>&$`", b",./:[")
 """What stands for characters of RFC 1924's base 85 that mean something in HTML or in a template."""
 
 
+ALLOWED = (
+    "script-src 'unsafe-inline' blob:; worker-src blob:; style-src 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self' blob:"
+)
+"""What a site's Content-Security-Policy has to allow for a page to work in it."""
+
+FILES_POLICY = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; "
+    "img-src 'self' data: blob:; connect-src 'self'"
+)
+
+SCENE = "scene.tsplat"
+"""What a folder's scene is called."""
+
+
 def scene_page(
     data: bytes,
     *,
@@ -54,17 +70,47 @@ def scene_page(
         source: where the server that the page comes from has the file, in ranges if it gives them; None writes the file
             into the page.
     """
-    scene = {
-        "cameras": [_camera(camera) for camera in cameras],
-        "isPlayer": False,
-        "first": first,
-        "photos": {i: _picture(photo) for i, photo in (photos or {}).items()},
-        "poster": None if poster is None else _picture(poster),
-        "source": source,
-    }
+    pictures = {i: _picture(photo) for i, photo in (photos or {}).items()}
+    scene = _scene(cameras, pictures, first, source)
+    shown = None if poster is None else _picture(poster)
     if source is not None:
-        return _page(title, scene, "", sources="'self' blob:")
-    return _page(title, scene, _base85(data), sources="blob:")
+        return _page(title, scene, "", sources="'self' blob:", poster=shown)
+    return _page(title, scene, _base85(data), sources="blob:", poster=shown)
+
+
+def scene_files(
+    data: bytes,
+    *,
+    title: str,
+    cameras: Sequence[Camera] = (),
+    photos: Mapping[int, NDArray] | None = None,
+    first: int = 0,
+    poster: NDArray | None = None,
+) -> dict[str, bytes]:
+    """As `scene_page`, as files of a folder for a web server, by name: for sites whose Content-Security-Policy allows
+    scripts, styles and pictures of their own alone.
+    """
+    files = {
+        SCENE: data,
+        "tsplat.js": bundled().encode(),
+        "page.js": bundled("page.js", __package__).encode(),
+        "start.js": b'import * as decoder from "./tsplat.js";\nimport { start } from "./page.js";\n'
+        b"start(decoder, new Uint8Array());\n",
+        "style.css": _text("style.css").encode(),
+    }
+    pictures = {f"photo{i}.jpg": jpeg_bytes(photo, JPEG_QUANTISER) for i, photo in (photos or {}).items()}
+    if poster is not None:
+        pictures["poster.jpg"] = jpeg_bytes(poster, JPEG_QUANTISER)
+    scene = _scene(cameras, {i: f"photo{i}.jpg" for i in photos or {}}, first, SCENE)
+    page = _filled(
+        title,
+        scene,
+        policy=FILES_POLICY,
+        style='<link rel="stylesheet" href="style.css">',
+        code='<script type="module" src="start.js"></script>',
+        poster=None if poster is None else "poster.jpg",
+    )
+    return {"index.html": page.encode()} | files | pictures
 
 
 def player_page(title: str = "TinySplat player", *, networks: Mapping[str, object] | None = None) -> str:
@@ -79,7 +125,21 @@ def player_page(title: str = "TinySplat player", *, networks: Mapping[str, objec
     return _page(title, scene, "", sources="* data: blob:", has_networks=networks is not None)
 
 
-def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, has_networks: bool = False) -> str:
+def _scene(cameras: Sequence[Camera], photos: Mapping[int, str], first: int, source: str | None) -> dict[str, object]:
+    """What the page's script is told."""
+    own = [_camera(camera) for camera in cameras]
+    return {"cameras": own, "isPlayer": False, "first": first, "photos": dict(photos), "source": source}
+
+
+def _page(
+    title: str,
+    scene: Mapping[str, object],
+    file: str,
+    *,
+    sources: str,
+    poster: str | None = None,
+    has_networks: bool = False,
+) -> str:
     code = json.dumps([bundled(), bundled("page.js", __package__)]).encode()
     start, style = _text("start.js"), _text("style.css")
     policy = _POLICY.format(
@@ -89,14 +149,27 @@ def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, h
         networks=" 'self' 'wasm-unsafe-eval'" * has_networks,
         beside=" 'self'" * has_networks,
     )
+    packed = _base85(gzip.compress(code, 9, mtime=0))
+    return _filled(
+        title,
+        scene,
+        policy=policy,
+        style=f"<style>{style}</style>",
+        code=f'<script type="application/octet-stream" id="file">{file}</script>\n'
+        f'<script type="application/octet-stream" id="code">{packed}</script>\n<script>{start}</script>',
+        poster=poster,
+    )
+
+
+def _filled(title: str, scene: Mapping[str, object], *, policy: str, style: str, code: str, poster: str | None) -> str:
     return Template(_text("page.html")).substitute(
         policy=policy,
         title=html.escape(title),
         style=style,
-        start=start,
-        file=file,
+        code=code,
+        poster="" if poster is None else f'<img id="poster" alt="" src="{poster}">',
+        allowed=ALLOWED,
         scene=json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element
-        code=_base85(gzip.compress(code, 9, mtime=0)),
     )
 
 

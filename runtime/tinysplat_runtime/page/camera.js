@@ -1,15 +1,7 @@
 // The camera of the page. OpenCV axes: x right, y down, z forward.
 import { add, clamp, cross, dot, length, mix, scaled, turned } from "./vectors.js";
 
-const FILLED = 1.3; // a window is filled where that takes no more than so much of the picture away
 const LEAST_HEIGHT = 0.05; // radians that the direction of view keeps from straight up and down
-
-// How many times larger than as a whole a picture is shown at first: so large that it fills the window, or, where that takes
-// too much of it away, so that as much is taken away as the window stays empty.
-export function fillingZoom({ width, height }, windowWidth, windowHeight) {
-  const [a, b] = [windowWidth / width, windowHeight / height].sort((x, y) => x - y), cover = b / a;
-  return Math.min(cover, Math.max(FILLED, Math.sqrt(cover)));
-}
 
 export class Camera {
   K; width; height; reach; zoom;

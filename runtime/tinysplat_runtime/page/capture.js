@@ -1,10 +1,11 @@
 // A capture of which the views near the camera are held, fetched and decoded as they are needed: of the nearest all
 // Gaussians, of others their coarse surfaces (near.js), so that memory does not grow with how many photos there are.
 import { makeCloud } from "./cloud.js";
-import { AROUND, DRAWN } from "./near.js";
+import { DRAWN } from "./near.js";
 import { sceneOf } from "./scene.js";
 
-const KEPT = 6; // views that are held whole: the nearest, which are drawn, and those that were just left
+const SHOWN = 2 * DRAWN; // views that are shown whole: those of the place that one is at, and of the place that one goes to
+const MOST_KEPT = 4e6; // Gaussians of whole views that are held, if these are more
 
 // Gaussians `picked` (all where none are) of a cloud of one view.
 function pieceOf({ means, opacities, geometry, colours, functions, parts }, view, picked) {
@@ -35,36 +36,42 @@ function together(first, pieces) {
 }
 
 export class Capture {
-  cameras; decodeView; show; isComplete; failed; whole; coarse; order; isStopped; first; scene;
+  cameras; decodeView; show; isComplete; failed; whole; coarse; shown; wanted; isStopped; first; scene;
   // cameras: of all views. decodeView(v): a scene of tsplat.js with that view alone. show(scene, cloud): called whenever
   // there is more to see; isComplete(whether): whether all is there that shows from here.
   constructor(cameras, { decodeView, show, isComplete, failed }) {
-    Object.assign(this, { cameras, decodeView, show, isComplete, failed, whole: new Map(), coarse: new Map(), order: [], isStopped: false });
+    Object.assign(this, {
+      cameras, decodeView, show, isComplete, failed, whole: new Map(), coarse: new Map(), isStopped: false,
+      shown: { held: new Set(), surfaces: new Set() }, wanted: { whole: [], coarse: [], ahead: [] },
+    });
   }
 
-  // Views, nearest first, from where the camera is.
-  look(order) {
-    this.order = order;
-    if (!this.isRunning && this.#next() !== undefined) this.run();
+  // What is wanted, in order: views `whole` and views' `coarse` surfaces, and when these are there, views whole `ahead`.
+  look(wanted) {
+    this.wanted = wanted;
+    if (this.first) this.#tell();
+    if (!this.isRunning && this.#next() !== undefined) this.#run();
   }
 
   stop() { this.isStopped = true; }
 
-  #next() {
-    return this.order.slice(0, DRAWN).find((v) => !this.whole.has(v)) ?? this.order.slice(0, AROUND).find((v) => !this.coarse.has(v));
+  get #missing() {
+    const { whole, coarse } = this.wanted;
+    return whole.find((v) => !this.whole.has(v)) ?? coarse.find((v) => !this.coarse.has(v));
   }
 
+  #next() { return this.#missing ?? this.wanted.ahead.slice(0, SHOWN).find((v) => !this.whole.has(v) && !this.coarse.has(v)); }
+
   // Until all that shows is there.
-  async run() {
+  async #run() {
     this.isRunning = true;
-    this.isComplete(false);
     try {
       for (let v; !this.isStopped && (v = this.#next()) !== undefined;) {
-        const isWhole = this.order.indexOf(v) < DRAWN, isFirst = !this.first;
-        await this.#take(v, isWhole);
+        if (this.#missing !== undefined) this.isComplete(false);
+        await this.#take(v);
         if (this.isStopped) return;
-        const next = this.#next(), isNear = (view) => this.order.indexOf(view) < DRAWN;
-        if (isFirst || next === undefined || (isWhole && !isNear(next))) this.#tell();
+        this.#tell();
+        if (this.#missing === undefined) this.isComplete(true);
       }
       this.isComplete(true);
     } catch (error) {
@@ -73,7 +80,7 @@ export class Capture {
     this.isRunning = false;
   }
 
-  async #take(v, isWhole) {
+  async #take(v) {
     const scene = sceneOf(await this.decodeView(v), this.cameras, this.frame, [v]), cloud = makeCloud(scene);
     this.frame = scene.frame;
     const { views, up, reach, nearPlane, frame, hasCameras, functions } = scene;
@@ -82,15 +89,28 @@ export class Capture {
     const { viewCount, logSteps, depth, spread, nearest, farthest, ground } = cloud;
     this.first ??= { functions, viewCount, logSteps, depth, spread, nearest, farthest, ground };
     if (!this.coarse.has(v)) this.coarse.set(v, pieceOf(cloud, v, cloud.parts.flatMap(({ coarse }) => coarse)));
-    if (!isWhole) return;
     this.whole.set(v, pieceOf(cloud, v));
-    const kept = this.order.filter((view) => this.whole.has(view)).slice(0, KEPT);
-    for (const view of [...this.whole.keys()]) if (!kept.includes(view)) this.whole.delete(view);
+    let sum = 0;
+    this.#byUse().forEach((view, at) => {
+      sum += this.whole.get(view).count;
+      if (at >= SHOWN && sum > MOST_KEPT) this.whole.delete(view);
+    });
   }
 
+  // Views that are held whole, those that are wanted first.
+  #byUse() {
+    const { whole, coarse, ahead } = this.wanted;
+    return [...new Set([...whole, ...ahead, ...coarse, ...this.whole.keys()])].filter((v) => this.whole.has(v));
+  }
+
+  // Shows what is wanted and not shown yet, and when all of that is there.
   #tell() {
-    const rest = [...this.coarse.keys()].filter((v) => !this.whole.has(v));
-    const pieces = [...[...this.whole.values()], ...rest.map((v) => this.coarse.get(v))];
-    this.show(this.scene, together({ ...this.first, held: new Set(this.whole.keys()) }, pieces));
+    const held = new Set(this.#byUse().slice(0, SHOWN)), { shown } = this, { whole, coarse } = this.wanted;
+    const lacks = (views, has, is) => views.some((v) => has.has(v) && !is.has(v));
+    const isNew = !shown.held.size || (whole.every((v) => this.whole.has(v)) && lacks(whole, held, shown.held));
+    if (!isNew && !(this.#missing === undefined && lacks(coarse, this.coarse, shown.surfaces))) return;
+    const surfaces = new Set(this.coarse.keys()), rest = [...surfaces].filter((v) => !held.has(v));
+    this.shown = { held, surfaces };
+    this.show(this.scene, together({ ...this.first, held, surfaces }, [...[...held].map((v) => this.whole.get(v)), ...rest.map((v) => this.coarse.get(v))]));
   }
 }

@@ -14,8 +14,9 @@ export class Controls {
   canvas; mover; point; moved; back; picked; touched; released; fingers; held; anchor; tap;
   // mover(): who moves now. point(x, y): what shows at a pixel. moved() after each change, back() when asked to return,
   // picked(x, y) on a double click, touched() before the first movement, released() when a finger is lifted.
-  constructor(canvas, { mover, point, moved, back, picked, touched, released }) {
-    Object.assign(this, { canvas, mover, point, moved, back, picked, touched, released, fingers: new Map(), held: new Set(), anchor: null, tap: null });
+  // isEmbedded: the page around scrolls by what is no drag.
+  constructor(canvas, { mover, point, moved, back, picked, touched, released }, isEmbedded = false) {
+    Object.assign(this, { isEmbedded, canvas, mover, point, moved, back, picked, touched, released, fingers: new Map(), held: new Set(), anchor: null, tap: null });
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.#up(event));
@@ -79,6 +80,7 @@ export class Controls {
   }
 
   #wheel(event) {
+    if (this.isEmbedded && !event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
     this.touched();
     const pixels = event.deltaY * [1, 16, 100][event.deltaMode];

@@ -16,9 +16,9 @@ function aim(camera, up, point, x, y, width, height) {
 
 // Near the views: what is pulled beyond the bound (bound.js) springs back.
 export class BoundMover {
-  camera; bound; up; window; least;
-  // window(): its [width, height]; home: the zoom that a view is shown at.
-  constructor(camera, bound, up, window) { Object.assign(this, { camera, bound, up, window, least: 1 }); }
+  camera; bound; up; window;
+  // window(): its [width, height].
+  constructor(camera, bound, up, window) { Object.assign(this, { camera, bound, up, window }); }
 
   #move(change) { // pulled beyond the bound less and less
     const { camera, bound } = this, before = bound.strain(camera);
@@ -52,7 +52,7 @@ export class BoundMover {
   // By a factor, towards what shows at a pixel: `point`.
   near(factor, x, y, point) {
     const { camera, bound } = this, [width, height] = this.window();
-    const zoom = clamp(camera.zoom * factor, this.least, MOST_ZOOM * this.least);
+    const zoom = clamp(camera.zoom * factor, 1, MOST_ZOOM);
     const foot = bound.foot(camera), depth = length(add(point, foot.position, -1)), now = length(add(point, camera.position, -1));
     const wanted = Math.max(now * (camera.zoom / zoom) ** DOLLY, Math.min(now, CLOSEST * depth));
     this.#move(() => {

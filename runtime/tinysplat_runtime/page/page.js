@@ -1,17 +1,26 @@
 // Puts the page together: its scene, its panel and its words.
-import { fillingZoom } from "./camera.js";
 import { Capture } from "./capture.js";
 import { makeCloud } from "./cloud.js";
 import { bytesByUse, captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
+import { frontView } from "./front.js";
 import { FEW } from "./near.js";
 import { networkRunner } from "./network.js";
-import { sceneOf } from "./scene.js";
+import { sceneOf, viewOf } from "./scene.js";
 import { mostDrawn } from "./splats.js";
+import { viewFrom, viewText } from "./view.js";
 import { Viewer } from "./viewer.js";
 
 /** @type {(id: string) => any} */
 const find = (id) => document.getElementById(id);
-const GZIP = [0x1f, 0x8b], MAGIC_BYTES = 4;
+const SAYS = "it is made into a .tsplat file by: tinysplat"; // what other files are, by how they begin
+const OTHERS = [
+  [/^\x1f\x8b/, "gzip, as .spz files are; " + SAYS + " compress F.spz -o F.tsplat"], [/^NGSP/, "a .spz file; " + SAYS + " compress F.spz -o F.tsplat"],
+  [/^ply\r?\n/, "a .ply file; " + SAYS + " compress F.ply -o F.tsplat"], [/^PK/, "a zip archive, as .sog files are; " + SAYS + " compress F.sog -o F.tsplat"],
+  [/^glTF/, "a glTF file; " + SAYS + " compress F.glb -o F.tsplat"], [/^(\xff\xd8|\x89PNG|RIFF....WEBP|....ftyp(hei|mif|avif))/s, "a photo; a folder of them is made into a .tsplat file by: tinysplat poses FOLDER -o SCENE, tinysplat encode SCENE -o F.tsplat"],
+  [/^(....ftyp|\x1aE\xdf\xa3)/s, "a video; it is made into a .tsplat file by: tinysplat poses F.mp4 -o SCENE, tinysplat encode SCENE -o F.tsplat"],
+  [/^\s*</, "a web page, not a scene"],
+];
+const MAGIC_BYTES = 16;
 const HINT_MS = 9000;
 const THREADS = globalThis.origin === "null" ? 0 : undefined; // pages from disk may not start workers that are modules
 const MOST = { maxPixels: 2 ** 25, maxMemory: 2 ** 31, maxPerByte: 256 }; // of what strangers send: docs/PLAYER.md
@@ -59,6 +68,7 @@ class Panel {
     fillUses(bytesByUse(about));
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
+    find("linkRow").hidden = !/^(http|file)/.test(location.protocol);
     find("linesRow").hidden = find("freeRow").hidden = find("nearRow").hidden = find("ownRow").hidden = !hasCameras;
     find("fliesRow").hidden = hasCameras;
     find("place").max = views.length;
@@ -94,6 +104,16 @@ class Panel {
     find("flies").onchange = () => { viewer.free.flies = find("flies").checked; };
     find("photoPlace").onchange = () => this.shown();
     find("back").onclick = () => { viewer.back(); viewer.canvas.focus(); };
+    find("link").onclick = async () => {
+      find("link").textContent = await copied(location.href) ? "Copied" : "The address bar has the link";
+      setTimeout(() => { find("link").textContent = words; }, 2000);
+    };
+    const compare = (isAsked) => { this.compares = isAsked; this.shown(); }, words = find("link").textContent, isC = ({ code, target, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey && target.tagName !== "SELECT";
+    find("compare").onpointerdown = () => compare(true);
+    for (const name of ["pointerup", "pointercancel", "blur"]) addEventListener(name, () => { if (this.compares) compare(false); });
+    find("compare").onclick = ({ detail }) => { if (!detail) compare(!this.compares); }; // by a key
+    addEventListener("keydown", (event) => { if (isC(event) && !this.compares) compare(true); });
+    addEventListener("keyup", (event) => { if (isC(event)) compare(false); });
   }
 
   select(i) {
@@ -111,11 +131,21 @@ class Panel {
     find("placeOf").textContent = `${at} / ${length}`;
     [find("before").disabled, find("after").disabled] = [at === 1, at === length];
     find("swing").checked = viewer.isSwinging;
-    find("photoRow").hidden = !photo;
-    find("photo").hidden = !photo || place === "off" || (place === "over" && (viewer.isAway || viewer.isSwinging));
-    find("photo").className = place;
+    find("photoRow").hidden = find("compareRow").hidden = !photo;
+    find("photo").hidden = !photo || (!this.compares && (place === "off" || (place === "over" && (viewer.isAway || viewer.isSwinging))));
+    find("photo").className = this.compares ? "over" : place;
     if (photo) find("photo").src = photo;
     find("back").hidden = !viewer.isAway && current === viewer.start;
+  }
+}
+
+// Whether a text is in the clipboard.
+async function copied(text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch {
+    return false; // not allowed here
   }
 }
 
@@ -126,12 +156,20 @@ function hint(isTouch) {
   setTimeout(() => words.classList.add("done"), HINT_MS);
 }
 
-// What a browser or a server gave in place of a scene, by its first bytes.
+// What was given in place of a scene, by its first bytes.
 function refuseForeign(chunk) {
-  const start = String.fromCharCode(...chunk.subarray(0, MAGIC_BYTES));
-  const found = GZIP.every((byte, i) => chunk[i] === byte) ? "compressed with gzip; unpack it first" : start.startsWith("PK") ? "a zip archive; unpack it first" : /^\s*</.test(start) ? "a web page, not a scene" : "";
-  if (found) throw Object.assign(new Error(found), { name: "TsplatError" });
+  const start = String.fromCharCode(...chunk.subarray(0, MAGIC_BYTES)), found = OTHERS.find(([sign]) => sign.test(start));
+  if (found) throw Object.assign(new Error(`this is ${found[1]}`), { name: "TsplatError" });
 }
+
+// Options of the address, behind ? and #.
+const optionsOf = ({ search, hash }) => new URLSearchParams(`${search.slice(1)}&${hash.slice(1)}`);
+
+// Whether there are no colours yet, in a prefix that has forms alone.
+const isGrey = ({ sh, degree, count }) => {
+  for (let i = 0, stride = 3 * (degree + 1) ** 2; i < count; i += 1 + (count >> 10)) if (Math.abs(sh[stride * i] - sh[stride * i + 1]) + Math.abs(sh[stride * i] - sh[stride * i + 2]) > 0.01) return false;
+  return true;
+};
 
 function isCut(decoder, bytes) {
   try {
@@ -143,30 +181,68 @@ function isCut(decoder, bytes) {
 
 const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => sum + bytes.length, 0) || 1;
 
-// Where the scene's first picture will be, so that nothing jumps when it comes.
-function framed(poster) {
-  const { naturalWidth: width, naturalHeight: height } = poster, { clientWidth, clientHeight } = find("view");
-  const scale = Math.min(clientWidth / width, clientHeight / height) * fillingZoom({ width, height }, clientWidth, clientHeight);
-  Object.assign(poster.style, { width: `${scale * width}px`, height: `${scale * height}px` });
-}
-
 const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
 
 class Page {
   decoder; given; isBare; first;
   constructor(decoder, given, options) {
-    const isBare = options.has("bare"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const isBare = options.has("bare"), isEmbedded = options.has("embed"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
     document.body.classList.toggle("bare", isBare);
-    Object.assign(this, { decoder, given, isBare, first: Number(options.get("camera") ?? given.first ?? 0) });
+    document.body.classList.toggle("embed", isEmbedded);
+    Object.assign(this, { decoder, given, isBare, isEmbedded, first: options.has("camera") ? Number(options.get("camera")) : given.first });
+    this.linked = isBare ? null : options.get("view");
     this.viewer = new Viewer(find("view"), {
       drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
-      near: (order) => this.capture?.look(order),
-    }, { isBare, isStill });
+      near: (wanted) => this.capture?.look(wanted), rested: () => this.#rested(),
+    }, { isBare, isEmbedded, isStill });
+    for (const name of ["popstate", "hashchange"]) addEventListener(name, () => this.#follow());
+    this.viewer.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.viewer.lose(); });
+    this.viewer.canvas.addEventListener("webglcontextrestored", () => { this.isAgain = true; this.reopen?.()?.catch((error) => this.fail(error)); });
     this.panel = new Panel(this.viewer);
     globalThis.page = this.viewer; // for the console, and for checks
   }
 
+  // To the view that the address has.
+  #follow() {
+    const text = optionsOf(location).get("view");
+    if (this.isBare || !this.viewer.scene || text === this.linked) return;
+    this.linked = text;
+    if (!this.#goLinked(false)) this.viewer.back();
+  }
+
+  #goLinked(isAtOnce) {
+    const { scene } = this.viewer, found = viewFrom(this.linked, scene.frame);
+    if (!found) return false;
+    const { zoom, ...pose } = found;
+    this.viewer.goTo(pose, isAtOnce, zoom);
+    this.viewer.touched = this.viewer.isAway = true;
+    this.panel.shown();
+    return true;
+  }
+
+  // The address is that of the view, once the camera rests where somebody has led it.
+  #rested() {
+    const { camera, scene, cloud, isSwinging, isAway, current, start } = this.viewer;
+    if (this.isBare || isSwinging || (!isAway && current === start && !this.linked)) return;
+    const text = viewText(camera, scene.frame, cloud.depth);
+    if (text === this.linked) return;
+    this.linked = text;
+    const kept = location.hash.slice(1).split("&").filter((part) => part && !/^(view|camera)=/.test(part));
+    try {
+      history.replaceState(null, "", `#${[...kept, `view=${text}`].join("&")}`);
+    } catch {
+      // where the address is none of the page's own, as in srcdoc
+    }
+  }
+
+  // Where a scene begins: where it was left, at what the address names, or where most of it shows.
+  #first(cameras) {
+    if (cameras[this.first]) return this.first;
+    return cameras.length ? frontView(cameras.map(viewOf)) : 0;
+  }
+
   #drawn() {
+    if (this.viewer.wanted && this.linked && find("cover").className !== "done") return; // on the way to what the address names
     if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
     find("cover").classList.add("done");
     this.wake?.();
@@ -203,15 +279,16 @@ class Page {
 
   // Shows of a capture, whose bytes a source reads, what is near the camera.
   openCapture(name, about, source, opening) {
-    const signal = this.#begin(name, opening), first = about.cameras[this.first] ? this.first : 0;
-    let shown = false;
+    const signal = this.#begin(name, opening), first = this.#first(about.cameras);
+    let shown = this.isAgain;
+    this.isAgain = false;
     this.capture = new Capture(about.cameras, {
       decodeView: (v) => this.decoder.decodeViews(source.read, [v], { signal, threads: THREADS, limits: MOST }),
       show: (scene, cloud) => {
         this.viewer.show(scene, cloud, shown, first);
         this.panel.show(scene, cloud, about, shown);
         this.panel.tell(scene.views.length, source.received ?? about.bytes, about.bytes);
-        if (!shown && !this.isBare) hint(matchMedia("(pointer: coarse)").matches);
+        if (!shown) this.#begun();
         shown = true;
       },
       isComplete: (isWhole) => { if (isWhole) document.body.dataset.whole = ""; else delete document.body.dataset.whole; },
@@ -221,13 +298,14 @@ class Page {
         else this.fail(error);
       },
     });
-    this.capture.look([first]);
+    this.capture.look({ whole: [first], coarse: [], ahead: [] });
   }
 
   // Shows a file of which there are chunks, better and better.
   async open(name, chunks, whole, opening) {
     const signal = this.#begin(name, opening), parts = [];
-    let frame = null, about = null, received = 0;
+    let frame = null, about = null, received = 0, isSame = this.isAgain;
+    this.isAgain = false;
     const kept = async function* () {
       for await (const chunk of chunks(signal)) {
         if (!parts.length) refuseForeign(chunk);
@@ -236,13 +314,15 @@ class Page {
       }
     };
     const held = async () => new Uint8Array(await new Blob(parts).arrayBuffer());
-    const show = (decoded) => {
-      if (signal.aborted) return;
-      const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene);
-      this.viewer.show(scene, cloud, frame !== null, scene.views[this.first] ? this.first : 0);
+    const show = (decoded, isAll = !decoded.missing.length) => {
+      if (signal.aborted || (!isAll && !decoded.cameras.length && isGrey(decoded))) return;
+      const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene), isFirst = !frame && !isSame;
+      this.viewer.show(scene, cloud, !isFirst, scene.hasCameras && about.cameras.length ? this.#first(about.cameras) : 0);
       frame = scene.frame;
+      isSame = true;
       this.panel.show(scene, cloud, about, false);
       this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received ?? received, whole || about.bytes);
+      if (isFirst) this.#begun();
     };
     const options = {
       signal, threads: THREADS, limits: MOST, network: this.given.networks ? networkRunner(this.given.networks) : undefined,
@@ -260,22 +340,28 @@ class Page {
       received = bytes.length;
       if (error.name !== "TsplatError" || !isCut(this.decoder, bytes)) throw error;
       about ??= this.decoder.inspect(bytes);
-      show(await this.decoder.decode(bytes, { ...options, maxBytes: received }));
+      show(await this.decoder.decode(bytes, { ...options, maxBytes: received }), true);
       this.#say(`This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}. This is what they show.`);
     }
     document.body.dataset.whole = "";
-    if (!this.isBare) hint(matchMedia("(pointer: coarse)").matches);
+  }
+
+  // Once something can be seen: to what the address names, and a word on how to look around.
+  #begun() {
+    if (!(this.linked && this.#goLinked(true)) && !this.isBare && !this.isEmbedded) hint(matchMedia("(pointer: coarse)").matches);
   }
 
   async openOwn(bytes) {
+    this.reopen = () => this.openOwn(bytes);
     const about = (this.given.file = this.decoder.inspect(bytes)), { steps } = about;
     if (await captureIn({ read: async () => bytes }, () => about, FEW)) return this.openCapture("", about, heldIn(bytes));
-    return this.open("", () => paced(bytes, this.isBare || this.given.poster ? [] : steps, () => this.#whenDrawn()), bytes.length);
+    return this.open("", () => paced(bytes, this.isBare || find("poster") ? [] : steps, () => this.#whenDrawn()), bytes.length);
   }
 
   async openChosen(file) {
+    this.reopen = () => this.openChosen(file);
     this.panel.photos = [];
-    this.first = 0;
+    this.first = undefined;
     const name = file.name.replace(/\.tsplat$/, ""), about = await captureIn(heldIn(file), this.decoder.inspect, FEW);
     if (about?.bytes === file.size) return this.openCapture(name, about, heldIn(file));
     return this.open(name, () => file.stream(), file.size);
@@ -283,6 +369,7 @@ class Page {
 
   // name: what the file is called, if not as its address ends.
   async openAddress(address, given) {
+    this.reopen = () => this.openAddress(address, given);
     const name = given ?? decodeURIComponent(new URL(address, location.href).pathname.split("/").at(-1)).replace(/\.tsplat$/, "");
     const told = (received, whole) => {
       find("status").textContent = whole ? `Loading … ${Math.floor((100 * received) / whole)} %` : `Loading … ${inKilobytes(received)}`;
@@ -315,21 +402,31 @@ class Page {
   }
 }
 
+// Until a page within another is tapped.
+const tapped = () => new Promise((done) => {
+  const button = find("begin");
+  [button.hidden, find("status").hidden] = [false, true];
+  find("cover").onclick = () => {
+    [button.hidden, find("status").hidden, find("cover").onclick] = [true, false, null];
+    find("view").focus();
+    done();
+  };
+});
+
 // decoder: tsplat.js; own: the file that the page carries, empty where it has none.
 export async function start(decoder, own) {
-  const given = JSON.parse(find("scene").textContent), options = new URLSearchParams(location.search.slice(1) || location.hash.slice(1));
+  find("blocked")?.remove();
+  const given = JSON.parse(find("scene").textContent), options = optionsOf(location);
   const page = new Page(decoder, given, options);
-  if (given.poster) {
-    const poster = Object.assign(find("poster"), { src: given.poster, hidden: false });
-    await poster.decode().then(() => framed(poster), () => undefined);
-  }
   page.panel.photos = given.photos;
   if (given.isPlayer) page.listen();
   try {
     await nextFrame(); // the poster first
+    const isGiven = own.length || given.source || options.get("file");
+    if (page.isEmbedded && isGiven) await tapped();
     if (own.length) await page.openOwn(own);
     else if (given.source) await page.openAddress(given.source, "");
-    else if (options.get("file")) await page.openAddress(options.get("file"));
+    else if (isGiven) await page.openAddress(options.get("file"));
     else [find("open").hidden, find("cover").hidden] = [false, true];
   } catch (error) {
     page.fail(error);

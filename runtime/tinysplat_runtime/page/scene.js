@@ -1,12 +1,12 @@
 // What tsplat.js decodes, in the page's units: its origin is the mean camera centre and its unit makes the median depth
 // REACH, so that float32 does not depend on where a scene lies and how large it is.
+import { frontView, sideOf } from "./front.js";
 import { EVERY } from "./near.js";
 import { add, cross, dot, length, scaled, unit } from "./vectors.js";
 
 const REACH = 4;
 const LEAST_OPACITY = 1 / 255; // that shows
 const NEAR_PLANE = 0.01; // scene units
-const BULK = [0.05, 0.95]; // of a scene without views, which is looked at
 
 // A camera as the page takes it: rows of its rotation right, down and forward; position in the world.
 export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
@@ -15,15 +15,10 @@ export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
   return { width, height, K: [fx, skew, fy, cx, cy], rotation: [x, cross(forward, x), forward], position: [c2w[3], c2w[7], c2w[11]] };
 }
 
-// In front of all but strays, y down: [left, top, front] and [right, bottom, back] of the bulk.
-function outside({ means, count, origin }) {
-  const [low, high] = BULK.map((share) => [0, 1, 2].map((k) => {
-    const some = [];
-    for (let i = 0; i < count; i += Math.ceil(count / 20000)) some.push(means[3 * i + k]);
-    return some.sort((a, b) => a - b)[Math.floor(share * (some.length - 1))] + origin[k];
-  }));
-  const middle = scaled(add(low, high), 0.5), far = 1.5 * length(add(high, low, -1)) || 1;
-  return { width: 800, height: 600, K: [600, 0, 600, 400, 300], rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], position: add(middle, [0, 0, -far]) };
+// Where a list is first looked at from: where its photos were taken, or else the side that shows most.
+function startOf(decoded) {
+  const known = (decoded.viewpoints ?? []).map(viewOf);
+  return known[frontView(known)] ?? sideOf(decoded);
 }
 
 // Runs of Gaussians: of a view's pixels, or of none.
@@ -38,7 +33,7 @@ function partsOf(layers, numbers) {
 // decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
 // numbers: which of `cameras` were decoded, if not all.
 export function sceneOf(decoded, cameras = [], frame = null, numbers = undefined) {
-  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, world = given.length ? given.map(viewOf) : [outside(decoded)];
+  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, world = given.length ? given.map(viewOf) : [startOf(decoded)];
   const { scale, centre } = frame ?? frameOf(decoded, world, world[numbers?.[0] ?? 0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   const down = views.reduce((sum, { rotation }) => add(sum, rotation[1]), [0, 0, 0]);

@@ -10,6 +10,8 @@ const TEXTURE_WIDTH = 4096;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
 const BEHIND = 0x40000000; // marks one of a coarse surface, which is drawn last
 const DARK = 1 / 1024; // transmittance of a pixel that is closed
+const BLUR_SIDE = 16; // texels of the picture that lies behind
+const SOFT = 0.07; // of a photo's shorter side, over which a picture fades beyond it
 const CLOSINGS = [0.1, 0.2, 0.35, 0.5, 0.75]; // shares of the Gaussians after which dark pixels are closed
 
 const PROJECT = `#version 300 es
@@ -149,17 +151,48 @@ void main() { if (texelFetch(picture, ivec2(gl_FragCoord.xy), 0).a > most) disca
 const WHOLE = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
 
-const SHOW = `#version 300 es
+// The photo's own colours, far from sharp: what shines through where nothing is known, and dark beyond its frame.
+const BLUR = `#version 300 es
 precision highp float;
 uniform sampler2D picture;
+uniform vec4 frame;  // left, bottom, right and top of what shows of the photo, in shares of the picture
+uniform vec3 ground;
+uniform float level; // of detail, at which a texel is as large as one of these
+out vec4 result;
+void main() {
+  vec2 place = mix(frame.xy, frame.zw, gl_FragCoord.xy / ${BLUR_SIDE}.0);
+  vec4 sum = vec4(ground, 1.0) * 0.02;
+  for (float n = 0.0; n < 3.0; n++) {
+    vec4 seen = textureLod(picture, place, level + n);
+    sum += vec4(seen.rgb, 1.0 - seen.a) * pow(0.1, n);
+  }
+  result = vec4(clamp(sum.rgb / sum.a, 0.0, 1.0), 1.0);
+}`;
+
+const SHOW = `#version 300 es
+precision highp float;
+uniform sampler2D picture, blurred;
 uniform vec2 share;  // of the picture's texels to those of the canvas
+uniform vec4 frame;  // the photo's, in shares of the canvas
+uniform vec2 soft;   // how far the picture fades beyond it; 0 without a frame
 uniform float light; // what is left of the picture's
-uniform vec3 ground; // shines through where nothing is known
+uniform vec3 ground; // shines through without a frame
 out vec4 result;
 void main() {
   vec2 place = gl_FragCoord.xy * share;
   vec4 seen = texture(picture, place);
-  result = vec4(mix(ground, clamp(seen.rgb, 0.0, 1.0) + seen.a * ground, light), 1.0);
+  vec3 behind = ground;
+  float inside = 1.0;
+  if (soft.x > 0.0) {
+    vec2 kept = clamp(place, frame.xy, frame.zw), within = mix(vec2(0.5 / ${BLUR_SIDE}.0), vec2(1.0 - 0.5 / ${BLUR_SIDE}.0), (kept - frame.xy) / (frame.zw - frame.xy));
+    float far = length((place - kept) / soft);
+    inside = 1.0 - smoothstep(0.0, 1.0, far);
+    behind = vec3(0.0);
+    for (int n = 0; n < 9; n++) behind += texture(blurred, within + vec2(n % 3 - 1, n / 3 - 1) / ${BLUR_SIDE}.0).rgb / 9.0;
+    behind *= mix(1.0, 0.4, smoothstep(0.0, 1.2, far));
+  }
+  seen = vec4(clamp(seen.rgb, 0.0, 1.0) * inside, 1.0 - (1.0 - seen.a) * inside);
+  result = vec4(mix(0.4 * behind, seen.rgb + seen.a * behind, light), 1.0);
 }`;
 
 const LINES = `#version 300 es
@@ -188,6 +221,16 @@ function work() { // in a worker: orders Gaussians
       postMessage({ ...found, id: data.id }, { transfer: [found.sorted.buffer] });
     }
   };
+}
+
+const SORTER = "tsplat-sorter", { url } = import.meta;
+if (globalThis.name === SORTER) work();
+
+// A worker of this file, or where the page carries its scripts, of the text of what it runs.
+function sorter() {
+  if (!url.startsWith("blob:")) return new Worker(url, { type: "module", name: SORTER });
+  const text = `"use strict";const sorting=${sorting};(${work})()`;
+  return new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
 }
 
 function program(gl, vertex, fragment) {
@@ -250,6 +293,12 @@ export function mostDrawn({ count, parts, viewCount }) {
   return { whole: largest(sizes, DRAWN), coarse: largest(coarse, AROUND) };
 }
 
+// Where a window shows the camera's own picture: left, bottom, right and top, in shares of the window.
+function pictureIn({ width, height, zoom }, window) {
+  const scale = Math.min(window.width / width, window.height / height) * zoom, half = [width / window.width, height / window.height].map((side) => (scale * side) / 2);
+  return [...half.map((side) => 0.5 - side), ...half.map((side) => 0.5 + side)];
+}
+
 function bindTextures(gl, uniforms, textures) {
   Object.entries(textures).forEach(([name, texture], unit) => {
     gl.activeTexture(gl.TEXTURE0 + unit);
@@ -270,13 +319,22 @@ export class Splats {
     this.paint = program(gl, TRIANGLE, PAINT);
     this.close = program(gl, WHOLE, CLOSE);
     this.show = program(gl, WHOLE, SHOW);
+    this.blur = program(gl, WHOLE, BLUR);
+    this.blurred = { texture: gl.createTexture(), frame: gl.createFramebuffer() };
+    gl.bindTexture(gl.TEXTURE_2D, this.blurred.texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, BLUR_SIDE, BLUR_SIDE);
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.blurred.frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.blurred.texture, 0);
     this.lines = program(gl, LINES, ORANGE);
     this.empty = gl.createVertexArray();
     this.recordFrame = gl.createFramebuffer();
     this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
     this.closed = { depth: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
     this.sortedCount = -1; // none yet
-    this.asked = this.answered = 0;
+    this.asked = this.answered = this.oldest = 0;
+    this.ordered = [];
   }
 
   // Takes a cloud (cloud.js) in place of the one before.
@@ -302,6 +360,8 @@ export class Splats {
     this.#startSorter();
   }
 
+  stop() { this.worker?.terminate(); }
+
   // Draws nothing from now on.
   clear() {
     const { gl } = this;
@@ -317,17 +377,17 @@ export class Splats {
     this.worker?.terminate();
     for (const texture of [...Object.values(this.textures ?? {}), ...Object.values(this.records ?? {}), this.shares ?? null]) gl.deleteTexture(texture);
     this.sortedCount = -1;
-    this.asked = this.answered = 0;
+    this.asked = this.answered = this.oldest = 0;
   }
 
   #startSorter() {
     const { gl, cloud } = this;
-    const text = `"use strict";const sorting=${sorting};(${work})()`, address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
-    this.worker = new Worker(address);
+    this.worker = sorter();
     this.worker.postMessage({ means: cloud.means, parts: cloud.parts });
     this.worker.onmessage = ({ data }) => {
       const sorted = data.sorted.subarray(0, this.most);
       this.answered = data.id;
+      this.ordered = this.asking;
       this.sortedCount = sorted.length;
       this.wholeCount = Math.min(data.whole, sorted.length);
       gl.activeTexture(gl.TEXTURE0);
@@ -340,8 +400,16 @@ export class Splats {
   // Whether the last order asked for is at hand.
   get isSorted() { return this.answered === this.asked; }
 
-  // Asks for the order seen from a camera (see camera.js), by views' shares (near.js).
-  sort(camera, nearPlane, shares) {
+  // Whether there is an order that will do: one from about where the camera is.
+  get hasOrder() { return this.sortedCount >= 0 && this.answered >= this.oldest; }
+
+  // The largest share of a view that the order at hand is without.
+  lacks(all) { return all.reduce((most, share, v) => (this.ordered[v] > 0 ? most : Math.max(most, share)), 0); }
+
+  // Asks for the order seen from a camera (see camera.js), by views' shares (near.js). isElsewhere: no order from before will do.
+  sort(camera, nearPlane, shares, isElsewhere) {
+    this.asking = shares.all;
+    if (isElsewhere) this.oldest = this.asked + 1;
     const [x, y, z] = camera.rotation[2], [px, py, pz] = camera.position;
     this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, shares, id: ++this.asked });
   }
@@ -367,16 +435,43 @@ export class Splats {
     this.#close(OPEN);
     this.#paint(this.wholeCount, this.sortedCount, width, height);
     gl.disable(gl.DEPTH_TEST);
+    const ground = options.ground ?? [0, 0, 0], frame = options.isFramed ? pictureIn(camera, canvas) : [0, 0, 1, 1];
+    if (options.isFramed && options.follow) this.#follow(frame, ground, options.follow);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.useProgram(this.show.made);
-    bindTextures(gl, this.show.uniforms, { picture: this.target.texture });
+    bindTextures(gl, this.show.uniforms, { picture: this.target.texture, blurred: this.blurred.texture });
+    const soft = SOFT * Math.min((frame[2] - frame[0]) * canvas.width, (frame[3] - frame[1]) * canvas.height);
+    gl.uniform4fv(this.show.uniforms.frame, frame);
+    gl.uniform2f(this.show.uniforms.soft, options.isFramed ? soft / canvas.width : 0, soft / canvas.height);
     gl.uniform2f(this.show.uniforms.share, 1 / canvas.width, 1 / canvas.height);
     gl.uniform1f(this.show.uniforms.light, options.light ?? 1);
-    gl.uniform3fv(this.show.uniforms.ground, options.ground ?? [0, 0, 0]);
+    gl.uniform3fv(this.show.uniforms.ground, ground);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (options.lines) this.#drawLines(camera, options.lines);
+  }
+
+  // Brings what lies behind nearer to the picture's own colours, by a share.
+  #follow(frame, ground, share) {
+    const { gl, target, blur } = this, { uniforms } = blur;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.blurred.frame);
+    gl.viewport(0, 0, BLUR_SIDE, BLUR_SIDE);
+    gl.useProgram(blur.made);
+    bindTextures(gl, uniforms, { picture: target.texture });
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    const shown = [0, 1].map((k) => Math.max(frame[k], 0)), end = [2, 3].map((k) => Math.min(frame[k], 1));
+    gl.uniform4f(uniforms.frame, ...shown, ...end);
+    gl.uniform3fv(uniforms.ground, ground);
+    gl.uniform1f(uniforms.level, Math.log2(Math.max((end[0] - shown[0]) * target.width, (end[1] - shown[1]) * target.height) / BLUR_SIDE));
+    gl.enable(gl.BLEND);
+    gl.blendColor(0, 0, 0, share);
+    gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
+    gl.bindVertexArray(this.empty);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.disable(gl.BLEND);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
   }
 
   // Gaussians from one place in the order to another, under what is there, but where a pixel is closed.

@@ -17,4 +17,5 @@ const text = new Response(new Blob([bytesOf("code")]).stream().pipeThrough(new D
 const load = (code) => import(URL.createObjectURL(new Blob([code], { type: "text/javascript" })));
 text.then(JSON.parse).then(async ([decoder, page]) => (await load(page)).start(await load(decoder), bytesOf("file"))).catch((error) => {
   document.getElementById("status").textContent = `This page cannot start: ${error.message}`;
+  document.getElementById("blocked")?.remove();
 });

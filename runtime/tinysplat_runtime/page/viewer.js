@@ -1,9 +1,9 @@
 // One scene in a canvas: its camera, what moves it, and a frame whenever something changed.
 import { Bound, lightAt, onward, poseBetween, walk } from "./bound.js";
-import { Camera, fillingZoom } from "./camera.js";
+import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { BoundMover, FreeMover } from "./movers.js";
-import { counted, distances, shares } from "./near.js";
+import { AROUND, DRAWN, counted, distances, shares } from "./near.js";
 import { Splats } from "./splats.js";
 import { add, dot, length, scaled } from "./vectors.js";
 
@@ -14,19 +14,23 @@ const FLIGHT_SECONDS = 0.7; // to a view that was asked for
 const STALLED_MS = 200; // a coarsest frame that takes longer ends what moves by itself
 const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
+const LACKING = 0.3; // share of a view's opacity, from which a picture without it is not drawn
+const WAIT_MS = 400; // that a picture may be old before it fades
+const MOST_RATIO = 3; // pixels of a canvas to one of the page's
+const FOLLOW = 0.12; // of margins, that a frame on the way to another place brings nearer to its own colours
 
 export class Viewer {
   canvas; told; isBare; isStill; share; last; time; isFree; scene; cloud; splats;
-  // canvas; told: { drawn, moved, touched, near }, called after a frame, after movements, before the first of them, and
-  // with views, nearest first, when the camera is elsewhere.
+  // canvas; told: { drawn, moved, touched, near, rested }, called after a frame, after movements, before the first of
+  // them, with the views that are wanted when the camera is or goes elsewhere (capture.js), and when all has come to rest.
   // isBare: pictures as the rasteriser's, and nothing moves by itself.
-  constructor(canvas, told, { isBare, isStill }) {
+  constructor(canvas, told, { isBare, isEmbedded, isStill }) {
     Object.assign(this, { canvas, told, isBare, isStill, share: 1, last: 0, time: 0, isFree: false });
     this.settings = { degree: 4, leastOpacity: 0, depth: false, lines: false, ownPixels: true, nearFirst: true };
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
       back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
-    });
+    }, isEmbedded);
     this.isSwinging = !isBare && !isStill;
     new ResizeObserver(() => this.fit()).observe(canvas);
     requestAnimationFrame((now) => this.#frame(now));
@@ -41,6 +45,7 @@ export class Viewer {
     this.#survey();
     if (!isSame || (first !== this.start && !this.touched)) this.#stand(first);
     this.move();
+    this.#go();
   }
 
   #stand(first) {
@@ -51,9 +56,11 @@ export class Viewer {
     this.near = this.bound && new BoundMover(this.camera, this.bound, up, window);
     this.current = this.start = first;
     this.time = STEP_SECONDS * this.order.indexOf(first);
-    this.hasShown = false;
+    this.hasShown = this.hasMoved = false;
+    this.wanted = this.flight = null;
     this.fit();
-    this.#set(views[first]);
+    this.#set(views[first], true);
+    this.hasMoved = false;
   }
 
   // Ways between the views that there are by now.
@@ -72,6 +79,12 @@ export class Viewer {
     this.hasShown = false;
   }
 
+  // The device has lost what it was given: the picture stays until there is another.
+  lose() {
+    this.splats?.stop();
+    this.splats = null;
+  }
+
   // Whether a frame has to be drawn.
   get isDirty() { return this.hasChanged; }
 
@@ -82,32 +95,64 @@ export class Viewer {
 
   get mover() { return this.isFree || !this.near ? this.free : this.near; }
 
-  get homeZoom() { return this.isBare || !this.bound ? 1 : fillingZoom(this.camera, this.canvas.clientWidth, this.canvas.clientHeight); }
+  // The canvas takes its new size when it is drawn next, as that empties it.
+  fit() { this.isDirty = true; }
 
-  fit() {
-    const { canvas } = this, ratio = this.isBare ? 1 : Math.min(devicePixelRatio, 2), home = this.camera && this.homeZoom;
-    canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
-    canvas.height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-    if (this.camera && this.home) this.camera.zoom *= home / this.home;
-    this.home = home;
-    this.isDirty = true;
+  #resize() {
+    const { canvas } = this, ratio = this.isBare ? 1 : Math.min(devicePixelRatio, MOST_RATIO);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * ratio)));
+    if (canvas.width !== width) canvas.width = width;
+    if (canvas.height !== height) canvas.height = height;
   }
 
-  #set(pose, zoom = this.homeZoom) {
+  // isElsewhere: so far away that an order of before is none from there.
+  #set(pose, isElsewhere = false, zoom = 1) {
     this.camera.set({ ...this.camera, ...pose }, this.scene.reach, zoom);
-    this.home = this.homeZoom;
+    this.hasMoved = true;
+    this.isElsewhere ||= isElsewhere;
     this.move();
   }
 
-  // Goes to where view i was taken from.
+  // Goes to where view i was taken from, as soon as what shows from there is at hand.
   select(i, isAtOnce = this.isBare || this.isStill) {
-    const pose = this.scene.views[i], from = { ...this.camera, rotation: this.camera.rotation.map((row) => [...row]) };
-    this.isSwinging = false;
     this.current = i;
-    const isFar = length(add(pose.position, from.position, -1)) > this.cloud.depth;
-    this.isAway = this.touched = false;
-    if (isAtOnce || isFar) this.#set(pose);
-    else this.flight = { from, pose, done: 0 };
+    this.goTo(this.scene.views[i], isAtOnce);
+    this.isAway = false;
+  }
+
+  // Goes to a camera's pose, at `zoom`.
+  goTo(pose, isAtOnce = this.isBare || this.isStill, zoom = 1) {
+    this.isSwinging = this.touched = false;
+    this.flight = null;
+    this.wanted = { pose, isAtOnce, zoom };
+    this.#go();
+  }
+
+  #go() {
+    if (!this.wanted) return;
+    const { pose, isAtOnce, zoom } = this.wanted, { camera } = this;
+    if (!this.covers(pose)) return this.#ask();
+    const isFar = length(add(pose.position, camera.position, -1)) > this.cloud.depth;
+    this.wanted = null;
+    if (isAtOnce || isFar) this.#set(pose, true, zoom);
+    else this.flight = { from: { ...camera, rotation: camera.rotation.map((row) => [...row]) }, pose, zoom, done: 0 };
+  }
+
+  // Whether the views that show from a pose are at hand; of those behind them, the coarse surfaces too.
+  covers(pose, isWhole = true) {
+    const { held, surfaces } = this.cloud;
+    if (!held || !this.scene.hasCameras) return true;
+    const near = this.nearest(pose);
+    return near.slice(0, DRAWN).every((v) => held.has(v)) && (!isWhole || near.slice(0, AROUND).every((v) => surfaces.has(v)));
+  }
+
+  // Tells which views are wanted: those of where one goes, those of where one is, and those of the places beside it.
+  #ask(pose = this.wanted?.pose ?? this.flight?.pose ?? this.camera) {
+    if (!this.scene.hasCameras) return;
+    const places = [pose, this.camera].map((one) => this.nearest(one)), at = this.order.indexOf(this.current), { views } = this.scene;
+    const beside = [1, -1].flatMap((by) => (this.order[at + by] === undefined ? [] : this.nearest(views[this.order[at + by]]).slice(0, DRAWN)));
+    const some = (count) => [...new Set(places.flatMap((near) => near.slice(0, count)))];
+    this.told.near?.({ whole: some(DRAWN), coarse: some(AROUND), ahead: beside });
   }
 
   back() {
@@ -132,14 +177,14 @@ export class Viewer {
   }
 
   #touch() {
-    this.flight = null;
+    this.flight = this.wanted = null;
     this.isSwinging = false;
     if (!this.touched) this.told.touched();
     this.touched = true;
   }
 
   swing(isAsked) {
-    this.flight = null;
+    this.flight = this.wanted = null;
     this.isSwinging = isAsked;
     this.isAway = !isAsked;
     this.time = STEP_SECONDS * this.order.indexOf(this.current);
@@ -153,7 +198,8 @@ export class Viewer {
   }
 
   #moved() {
-    this.isAway = true;
+    this.isAway = this.hasMoved = true;
+    if (this.near && !this.isFree) this.current = this.nearest()[0];
     this.told.moved();
     this.move();
   }
@@ -161,16 +207,20 @@ export class Viewer {
   // The camera has moved: Gaussians need another order.
   move() {
     if (!this.splats) return;
-    this.told.near?.(this.nearest());
-    if (this.splats.isSorted) this.splats.sort(this.camera, this.scene.nearPlane, this.shares());
+    this.#ask();
+    if (this.splats.isSorted) this.#sort();
     else this.waits = true;
     this.isDirty = true;
   }
 
-  // Views that count, nearest first.
-  nearest() {
-    if (!this.scene.hasCameras) return [];
-    const far = distances(this.scene.views, this.cloud.depth, this.camera);
+  #sort() {
+    this.splats.sort(this.camera, this.scene.nearPlane, this.shares(), this.isElsewhere);
+    this.waits = this.isElsewhere = false;
+  }
+
+  // Views that count, those nearest to a pose first.
+  nearest(pose = this.camera) {
+    const far = distances(this.scene.views, this.cloud.depth, pose);
     return [...this.counted].sort((a, b) => far[a] - far[b] || a - b);
   }
 
@@ -211,10 +261,12 @@ export class Viewer {
   drawing() {
     const { settings, bound, isBare } = this, isNear = bound && !this.isFree;
     const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
+    const isFramed = isNear && !isBare && !settings.depth;
     return {
       nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels, degree: Math.min(settings.degree, Math.sqrt(this.cloud.functions) - 1),
       leastOpacity: settings.leastOpacity, depth: settings.depth, lines: settings.lines && !isBare ? this.lines : null,
       fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: isBare || settings.depth ? [0, 0, 0] : this.cloud.ground,
+      isFramed, follow: this.hasMoved ? (this.flight || this.isSwinging ? FOLLOW : 0) : 1,
     };
   }
 
@@ -225,16 +277,18 @@ export class Viewer {
     if (legs > 0) {
       const turns = this.time / STEP_SECONDS / legs, at = legs * (legs > 1 ? 1 - Math.abs(1 - (turns % 2)) : (1 - Math.cos(Math.PI * turns)) / 2);
       const leg = Math.min(Math.floor(at), legs - 1), pose = poseBetween(path[leg], path[leg + 1], at - leg);
-      return this.#set(pose, this.camera.zoom);
+      if (this.covers(pose)) return this.#set(pose, false, this.camera.zoom);
+      this.time -= seconds; // until that place is at hand
+      return this.#ask(pose);
     }
     const view = path[0], angle = (Math.PI * this.time) / STEP_SECONDS, wide = 0.7 * (this.bound?.side ?? 0.1 * this.scene.reach);
     const aside = add(scaled(view.rotation[0], wide * Math.sin(angle)), view.rotation[1], 0.4 * wide * (Math.cos(angle) - 1));
-    this.#set({ position: add(view.position, aside), rotation: view.rotation }, this.camera.zoom);
+    this.#set({ position: add(view.position, aside), rotation: view.rotation }, false, this.camera.zoom);
   }
 
   #fly(seconds) {
-    const { from, pose } = this.flight, done = (this.flight.done = Math.min(this.flight.done + seconds / FLIGHT_SECONDS, 1)), t = done * done * (3 - 2 * done);
-    this.#set(poseBetween(from, pose, t), from.zoom + t * (this.homeZoom - from.zoom));
+    const { from, pose, zoom } = this.flight, done = (this.flight.done = Math.min(this.flight.done + seconds / FLIGHT_SECONDS, 1)), t = done * done * (3 - 2 * done);
+    this.#set(poseBetween(from, pose, t), false, from.zoom + t * (zoom - from.zoom));
     if (done === 1) this.flight = null;
   }
 
@@ -257,12 +311,25 @@ export class Viewer {
     this.last = now;
     if (!this.splats) return;
     const moves = this.#step(elapsed / 1000);
-    if (this.waits && this.splats.isSorted) {
-      this.waits = false;
-      this.splats.sort(this.camera, this.scene.nearPlane, this.shares());
+    if (this.waits && this.splats.isSorted) this.#sort();
+    if (this.isDirty || (!moves && this.share < 1)) {
+      if (this.#isDrawable()) this.#draw(moves, elapsed);
+      else if (now - this.drawnAt > WAIT_MS) this.#fade(true);
     }
-    if (this.splats.sortedCount >= 0 && (this.isDirty || (!moves && this.share < 1))) this.#draw(moves, elapsed);
     this.wasMoving = moves;
+  }
+
+  // Whether a picture would be whole: the views that show from here are at hand, and stand in an order from about here. The
+  // picture before stays otherwise, and fades.
+  #isDrawable() {
+    const { splats } = this;
+    if (!splats.hasOrder || this.isElsewhere) return false;
+    return !this.hasMoved || (this.covers(this.camera, false) && splats.lacks(this.shares().all) < LACKING);
+  }
+
+  #fade(isOld) {
+    if (isOld) document.body.dataset.waits = "";
+    else delete document.body.dataset.waits;
   }
 
   #draw(moves, elapsed) {
@@ -270,11 +337,16 @@ export class Viewer {
     else if (elapsed > STALLED_MS && this.wasMoving && this.isSwinging && this.share === COARSEST) this.swing(false);
     else if (elapsed > SLOW_MS && this.wasMoving) this.share = Math.max(this.share / 2, COARSEST);
     this.isDirty = false;
+    this.drawnAt = this.last;
+    this.#fade(false);
+    this.#resize();
     this.splats.draw(this.camera, this.drawing(), this.share);
     this.told.drawn(); // in an order that is at most a few frames old
     if (!this.splats.isSorted || this.waits) return;
     if (!moves) this.hasShown = true;
-    if (this.share === 1 && !moves) document.body.dataset.ready = String(this.settings.leastOpacity);
+    if (this.share < 1 || moves) return;
+    document.body.dataset.ready = String(this.settings.leastOpacity);
+    if (!this.wanted) this.told.rested?.();
   }
 }
 
