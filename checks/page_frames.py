@@ -3,9 +3,10 @@
     PYTHONPATH=tests python checks/page_frames.py fox.html [--size 1280x800] [--still] [--pause 2] [--save FOLDER]
 
 They begin as soon as there is a picture, and follow each other whether or not all is decoded. A pixel within the
-photo's frame is open where more than half of what lies behind shows through: a frame is torn where more than LEAST of
-them are. With --still steps are jumps, and a frame is also torn where that many pixels are, by DIFFERENT, neither those of the
-picture before nor those of the one after. Needs Chromium.
+photo's frame is open where more than half of what lies behind shows through, and a frame is where more than LEAST of
+them are: at a photo's place that is a tear, during a drag only where the frames before and after are not. With --still
+steps are jumps, and a frame also counts where that many pixels are, by DIFFERENT, neither those of the picture before
+nor those of the one after. Needs Chromium.
 """
 
 from __future__ import annotations
@@ -119,7 +120,10 @@ def main() -> None:
                         given.save.mkdir(parents=True, exist_ok=True)
                         Image.fromarray(np.uint8(255 * picture)).save(given.save / f"{kind}{n}_{i}_{fault:.3f}.png")
                 everything += found
-            print(f"{kind}: {faults} of {len(everything)} frames torn, at most {worst:.1%} of the photo", flush=True)
+            shares = [share for share, _ in everything]
+            alone = sum(b - max(a, c) > LEAST for a, b, c in zip(shares, shares[1:], shares[2:], strict=False))
+            told = f"{kind}: {faults} of {len(everything)} frames open, at most {worst:.1%} of the photo"
+            print(f"{told}; {alone} where those before and after are not", flush=True)
         settled(tab)
         last = taken(tab)
         print(

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -21,10 +22,11 @@ from PIL import Image
 from scenes import make_smooth_gaussians, psnr
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.page.build import player_page, scene_page
+from tinysplat_runtime.page.build import player_page, scene_files, scene_page
 from tinysplat_runtime.page.front import front_view
 
 LEAST_DB = 40.0
+MIDDLE = np.s_[80:160, 110:210]  # of 320x240, whose margins are those of where a visitor came from
 
 
 @pytest.fixture(scope="module")
@@ -133,6 +135,125 @@ def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) ->
     tab.close()
 
 
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """A folder of this machine's."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are nobody's concern."""
+
+
+OPEN = """() => {
+  const { splats } = page, draw = splats.draw.bind(splats), noted = (globalThis.noted = []);
+  splats.draw = (...given) => {
+    draw(...given);
+    const { gl, target: { frame, width, height } } = splats, [w, h] = [width >> 1, height >> 1];
+    const pixels = new Float32Array(4 * w * h), place = [(width - w) >> 1, (height - h) >> 1, w, h];
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.readPixels(...place, gl.RGBA, gl.FLOAT, pixels);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    noted.push(pixels.filter((_, i) => i % 4 === 3).reduce((sum, open) => sum + (open > 0.5), 0) / (w * h));
+  };
+}"""
+
+
+def test_no_frame_on_the_way_to_other_places_has_holes(browser: Browser, tmp_path: Path) -> None:
+    scene = make_smooth_gaussians(16, 24, 32, degree=0)
+    step = 0.3 * np.eye(4)[:, [3]] @ np.eye(4)[[0]]  # to the right: each place shows what none beside it does
+    cameras = [replace(camera, c2w=camera.c2w + n * step.T) for n, camera in enumerate(scene.cameras)]
+    means = scene.means + np.float32(0.3 * np.arange(16)[:, None, None, None] * np.eye(3)[0])
+    data = ts.compress(replace(scene, means=means, cameras=tuple(cameras)), qp=-6)
+    (tmp_path / "page.html").write_text(scene_page(data, title="walk"))
+    for moves in (False, True):
+        tab = browser.open((tmp_path / "page.html").as_uri(), 96, 72, moves=moves)
+        tab.wait("globalThis.page && page.splats && 'ready' in document.body.dataset")
+        tab.evaluate(f"page.swing(false), ({OPEN})()")
+        for n in range(10):
+            tab.evaluate("after.click(), 0")
+            tab.drag(48, 36, 60 * (-1) ** n, 0, steps=3)
+        tab.wait("!page.flight && !page.wanted && !page.mover.spring(0)")
+        tab.ready()
+        frames = tab.evaluate("noted.splice(0)")
+        assert len(frames) > 1 and max(frames) < 0.05
+        tab.close()
+
+
+def test_a_link_leads_to_the_same_view(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text(scene_page(coded(3), title="scene"))
+    tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
+    tab.ready()
+    assert "view" not in tab.evaluate("location.hash")
+    tab.drag(160, 120, 60, 5)
+    tab.wait("!page.mover.spring(0) && location.hash.includes('view=')")
+    tab.ready()
+    seen, address = picture(tab)[MIDDLE], tab.evaluate("location.href")
+    tab.close()
+    tab = browser.open(address, 320, 240)
+    tab.ready()
+    assert psnr(picture(tab)[MIDDLE], seen) > LEAST_DB
+    tab.evaluate("location.hash = '#view=' + location.hash.slice(6).replace(/^[^,]*/, (x) => Number(x) + 0.02), 0")
+    tab.wait("'ready' in document.body.dataset")
+    tab.ready()
+    assert psnr(picture(tab)[MIDDLE], seen) < LEAST_DB
+    tab.evaluate("history.back(), 0")
+    tab.wait(f"location.href === {address!r} && 'ready' in document.body.dataset")
+    tab.ready()
+    assert psnr(picture(tab)[MIDDLE], seen) > LEAST_DB
+    tab.close()
+
+
+def test_a_page_within_another_waits_for_a_tap(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene", poster=np.full((48, 64, 3), 0.5)))
+    frame = '<iframe src="page.html#embed" style="width: 300px; height: 200px"></iframe>'
+    (tmp_path / "article.html").write_text(f'<!doctype html><link rel="icon" href="data:,">{frame}')
+    served = http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
+    with served as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        tab = browser.open(f"http://127.0.0.1:{server.server_port}/article.html", 320, 240)
+        tab.wait("frames[0]?.document.getElementById('begin')?.hidden === false")
+        assert not tab.evaluate("'page' in frames[0] && Boolean(frames[0].page.scene)")
+        tab.evaluate("frames[0].document.getElementById('begin').click(), 0")
+        tab.wait("'ready' in frames[0].document.body.dataset")
+        shown = "['hint', 'panel'].map((id) => frames[0].document.getElementById(id).checkVisibility())"
+        assert tab.evaluate(shown) == [False, False]
+        assert tab.evaluate("frames[0].getComputedStyle(frames[0].view).touchAction") == "pan-y"
+        tab.close()
+        server.shutdown()
+
+
+class Strict(http.server.SimpleHTTPRequestHandler):
+    """A folder on a site that allows what is its own alone."""
+
+    def end_headers(self) -> None:
+        """With the site's policy."""
+        self.send_header("Content-Security-Policy", "default-src 'self'")
+        super().end_headers()
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are nobody's concern."""
+
+
+def test_strict_sites_show_a_folder_and_a_page_says_what_it_lacks(browser: Browser, tmp_path: Path) -> None:
+    data, poster = coded(8, height=24, width=32), np.full((24, 32, 3), 0.5)
+    for name, content in scene_files(data, title="scene", photos={0: poster}, poster=poster).items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "page.html").write_text(scene_page(data, title="scene"))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Strict, directory=str(tmp_path))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        tab = browser.open(f"{address}/index.html#bare", 32, 24)
+        tab.ready()
+        gaussians = ts.decompress(data)
+        assert psnr(picture(tab), ts.render(gaussians, gaussians.cameras[0]).clip(0, 1)) > LEAST_DB
+        tab.close()
+        tab = browser.open(f"{address}/page.html", 320, 240)
+        tab.wait("document.getElementById('blocked')?.checkVisibility()")
+        text = tab.evaluate("document.body.innerText")
+        assert "Loading" not in text and "Content-Security-Policy" in text and "--files" in text
+        tab.close()
+        server.shutdown()
+    browser.messages[:] = [message for message in browser.messages if "Content Security Policy" not in message]
+
+
 def test_a_poster_is_shown_before_the_scene(browser: Browser, tmp_path: Path) -> None:
     page = scene_page(coded(2), title="scene", poster=np.full((48, 64, 3), (0.9, 0.1, 0.1)))
     (tmp_path / "page.html").write_text(page)
@@ -181,13 +302,6 @@ def test_switches_change_the_picture_and_back(browser: Browser, tmp_path: Path) 
 
 
 # ---- the player ----------------------------------------------------------------------------------------------------
-
-
-class Quiet(http.server.SimpleHTTPRequestHandler):
-    """A folder of this machine's."""
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Requests are nobody's concern."""
 
 
 def test_the_player_opens_what_is_linked(browser: Browser, tmp_path: Path) -> None:

@@ -207,14 +207,14 @@ class Page {
     const text = optionsOf(location).get("view");
     if (this.isBare || !this.viewer.scene || text === this.linked) return;
     this.linked = text;
-    if (!this.#goLinked(false)) this.viewer.back();
+    if (!this.#goLinked()) this.viewer.back();
   }
 
   #goLinked(isAtOnce) {
-    const { scene } = this.viewer, found = viewFrom(this.linked, scene.frame);
+    const { scene, bound } = this.viewer, found = viewFrom(this.linked, scene.frame);
     if (!found) return false;
     const { zoom, ...pose } = found;
-    this.viewer.goTo(pose, isAtOnce, zoom);
+    this.viewer.goTo(bound ? { ...pose, K: bound.foot(pose).K } : pose, isAtOnce, zoom);
     this.viewer.touched = this.viewer.isAway = true;
     this.panel.shown();
     return true;

@@ -110,6 +110,7 @@ export class Viewer {
     this.camera.set({ ...this.camera, ...pose }, this.scene.reach, zoom);
     this.hasMoved = true;
     this.isElsewhere ||= isElsewhere;
+    this.isNew ||= isElsewhere;
     this.move();
   }
 
@@ -124,7 +125,8 @@ export class Viewer {
   goTo(pose, isAtOnce = this.isBare || this.isStill, zoom = 1) {
     this.isSwinging = this.touched = false;
     this.flight = null;
-    this.wanted = { pose, isAtOnce, zoom };
+    const { K, width, height } = this.camera;
+    this.wanted = { pose: { K, width, height, ...pose }, isAtOnce, zoom };
     this.#go();
   }
 
@@ -266,7 +268,7 @@ export class Viewer {
       nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels, degree: Math.min(settings.degree, Math.sqrt(this.cloud.functions) - 1),
       leastOpacity: settings.leastOpacity, depth: settings.depth, lines: settings.lines && !isBare ? this.lines : null,
       fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: isBare || settings.depth ? [0, 0, 0] : this.cloud.ground,
-      isFramed, follow: this.hasMoved ? (this.flight || this.isSwinging ? FOLLOW : 0) : 1,
+      isFramed, follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
     };
   }
 
@@ -344,6 +346,7 @@ export class Viewer {
     this.told.drawn(); // in an order that is at most a few frames old
     if (!this.splats.isSorted || this.waits) return;
     if (!moves) this.hasShown = true;
+    if (this.covers(this.camera)) this.isNew = false; // margins stay from now on
     if (this.share < 1 || moves) return;
     document.body.dataset.ready = String(this.settings.leastOpacity);
     if (!this.wanted) this.told.rested?.();
