@@ -15,6 +15,7 @@ from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypedDict
 from urllib.parse import urlsplit
 
 from numpy.typing import NDArray
@@ -100,6 +101,16 @@ def _written_files(folder: str, files: Mapping[str, bytes]) -> str:
     return f"{target / 'index.html'}: {size / 1e3:.0f} KB in {len(files)} files, for a web server to give"
 
 
+class Shown(TypedDict):
+    """What a page shows beside its file, as `page.build.scene_page` takes it."""
+
+    title: str
+    cameras: Sequence[Camera]
+    photos: Mapping[int, NDArray]
+    first: int
+    poster: NDArray
+
+
 @dataclass(frozen=True)
 class Content:
     """What a page shows.
@@ -107,12 +118,12 @@ class Content:
     Attributes:
         data: the .tsplat file.
         view_count: how many views it has.
-        shown: the rest, as `page.build.scene_page` takes it.
+        shown: the rest.
     """
 
     data: bytes
     view_count: int
-    shown: dict[str, Any]
+    shown: Shown
 
     @classmethod
     def of(cls, file: str, cameras_file: str | None, photos_of: str | None) -> Content:
@@ -121,9 +132,10 @@ class Content:
         cameras = load_cameras(cameras_file) if cameras_file and not views else []
         photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
         first = front_view(views or cameras)
-        shown = {"title": printable(Path(file).stem), "cameras": cameras, "photos": photos, "first": first}
         poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views))
-        return cls(data, len(views), shown | {"poster": poster})
+        title = printable(Path(file).stem)
+        shown: Shown = {"title": title, "cameras": cameras, "photos": photos, "first": first, "poster": poster}
+        return cls(data, len(views), shown)
 
 
 def _poster(data: bytes, camera: Camera | None, has_views: bool) -> NDArray:
