@@ -49,7 +49,7 @@ PICTURES = {
         ["examples/demo.py", "models/edge.onnx"],
     ),
     "docs/pages/plush.html": MadePicture(
-        "tinysplat encode plush/ --views 43,44,45,46,47,48,49,50,51,56,57,58 -o plush.tsplat"
+        "tinysplat encode plush/ --views all -o plush.tsplat"
         " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
         ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css", "models/edge.onnx"],
         "plush/: the photos that docs/pages/README.md names",
