@@ -60,7 +60,7 @@ PICTURES = {
         "Chromium",
     ),
     "docs/engines.webp": MadePicture(
-        ENGINES, ["checks/engines.*", "runtime/tinysplat_runtime/web/adapters/*"], "what checks/README.md says"
+        ENGINES, ["checks/engines.*", "runtime/tinysplat_runtime/web/adapters/*js"], "what checks/README.md says"
     ),
     "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
     "docs/waits.png": MadePicture("tinysplat bench --docs || test $? = 2", ["benchmarks/reports/*-waits/rows.jsonl"]),
