@@ -35,7 +35,7 @@ async function inflated(bytes, length, where) {
     }
   } catch (error) {
     void reader.cancel().catch(() => undefined);
-    throw new TsplatError(`zlib: ${/** @type {Error} */ (error).message}`, where);
+    throw new TsplatError(`zlib: ${/** @type {Error} */ (error).message || "the stream is damaged"}`, where);
   }
   require(at === length, `zlib: ${at} bytes, expected ${length}`, where);
   return out;
