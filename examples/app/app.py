@@ -10,7 +10,9 @@ processes of their own, whose time and memory are bounded.
 from __future__ import annotations
 
 import html
+import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -25,15 +27,23 @@ except ImportError:
     print('tinysplat: app: needs gradio; pip install "tinysplat[app]" brings it', file=sys.stderr)
     sys.exit(2)
 
-PHOTOS, VIDEOS = (".jpg", ".jpeg", ".png"), (".mp4", ".mov", ".mkv", ".webm")
+PHOTOS, VIDEOS = (".jpg", ".jpeg", ".png", ".heic", ".heif"), (".mp4", ".mov", ".mkv", ".webm")
 MOST_PHOTOS, MOST_BYTES = 100, 300_000_000
 MOST_SECONDS = 1200
 MOST_MEMORY = 12_000_000_000
 
 INTRODUCTION = """# TinySplat
 Drop a video of a place, filmed while walking slowly, or 10 to 60 photos of it, taken a small step apart. What comes out
-is a page that opens in any browser, offline too. It takes a few minutes, and is deleted here within two hours."""
+is a page that opens in any browser, offline too. How long it will take is said once the photos have been looked at.
+What you drop is deleted here within two hours."""
 KEPT_SECONDS = 3600
+
+STEPS = {
+    "poses": "Finding where each photo was taken (step 1 of 3)",
+    "encode": "Making the scene (step 2 of 3)",
+    "view": "Writing the page (step 3 of 3)",
+}
+SHOWN = "document.getElementById('scene').scrollIntoView({ behavior: 'smooth' })"
 
 
 def command(*words: str | Path) -> list[str]:
@@ -89,6 +99,16 @@ def lines_of(words: list[str]) -> Iterator[str]:
         raise gr.Error(last or f"ended after {MOST_SECONDS} s")
 
 
+def in_words(step: str, line: str, expected: str) -> tuple[str, str]:
+    """What is being done, for people, and what is known of how long it takes, of a line that a command says."""
+    if step == "encode" and (found := re.search(r"about (\d+) s\b", line)):
+        minutes = max(math.ceil(int(found[1]) / 60), 1)
+        expected = f"ready in about {minutes} minute{'s' * (minutes > 1)}"
+    count = re.search(r"\b(\d+)/(\d+)$", line)
+    parts = [STEPS[step], f"{count[1]} of {count[2]}" if count else "", expected]
+    return ", ".join(filter(None, parts)), expected
+
+
 def make(files: list[str] | None) -> Iterator[tuple[str, str | None, list[str] | None]]:
     """Words of what is being done, and at last the page to show and the files to keep."""
     dropped = [Path(file) for file in files or []]
@@ -108,28 +128,31 @@ def made(dropped: list[Path], folder: Path) -> Iterator[tuple[str, str | None, l
         source.mkdir()
         for number, photo in enumerate(sorted(dropped)):
             shutil.copy(photo, source / f"{number:04}{photo.suffix.lower()}")
-    said: list[str] = []
-    for words in (
-        command("poses", source, "-o", scene),
-        command("encode", scene, "-o", file),
-        command("view", file, "--html", page),
-    ):
+    expected = last = ""
+    for step, words in {
+        "poses": command("poses", source, "-o", scene),
+        "encode": command("encode", scene, "-o", file),
+        "view": command("view", file, "--html", page),
+    }.items():
+        yield STEPS[step], None, None
         for line in lines_of(words):
-            said.append(line.replace(f"{folder}/", ""))
-            yield "\n".join(said[-12:]), None, None
+            told, expected = in_words(step, line, expected)
+            last = line if step == "encode" else last
+            yield told, None, None
     shown = html.escape(page.read_text("utf-8"), quote=True)
     frame = f'<iframe style="width: 100%; height: 70vh; border: 0" title="The scene" srcdoc="{shown}"></iframe>'
-    yield "\n".join(said[-12:]), frame, [str(page), str(file)]
+    yield f"Ready: {last.replace(f'{folder}/', '')}", frame, [str(page), str(file)]
 
 
 with gr.Blocks(title="TinySplat", delete_cache=(KEPT_SECONDS, KEPT_SECONDS)) as app:
     gr.Markdown(INTRODUCTION)
-    given = gr.File(label="A video or photos", file_count="multiple", file_types=[*PHOTOS, *VIDEOS])
+    scene_page = gr.HTML(elem_id="scene")
+    given = gr.File(label="A video or photos", file_count="multiple", file_types=[*PHOTOS, *VIDEOS], height=160)
     start = gr.Button("Make the scene", variant="primary")
-    stages = gr.Textbox(label="What is being done", lines=6, max_lines=12)
-    scene_page = gr.HTML(label="The scene")
+    stages = gr.Textbox(label="What is being done", lines=1, max_lines=3)
     results = gr.File(label="The page to send, and the file", file_count="multiple")
-    start.click(make, given, [stages, scene_page, results], api_name="make", concurrency_limit=1)
+    done = start.click(make, given, [stages, scene_page, results], api_name="make", concurrency_limit=1)
+    done.success(None, js=f"() => {{ {SHOWN}; }}")
 
 if __name__ == "__main__":
     app.queue(max_size=8).launch(max_file_size=MOST_BYTES)

@@ -1,0 +1,79 @@
+"""The pages of docs/WEB.md as they stand, in a headless Chromium, and the adapters' types under `tsc --strict`.
+
+    apt-get install -y chromium
+    npm install three @types/three @sparkjsdev/spark @babylonjs/core typescript@5.9.3 RUNTIME/web
+    PYTHONPATH=…/tests python …/checks/web_pages.py F.tsplat   # in that folder; RUNTIME: where tinysplat_runtime lies
+
+Fails where a page says something to the console that is an error, or shows one colour.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import io
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import numpy as np
+from page.browser import Browser
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = re.compile(r"cat > (\w+\.html) <<'END'\n(.*?)\nEND\n", re.DOTALL)
+LEAST_SPREAD = 0.02  # standard deviation of a picture's colours
+SECONDS = 60
+SIZE = 320, 240
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    """The folder that this is run in."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Nothing is said of requests."""
+
+
+def spread(browser: Browser, address: str) -> float:
+    """How much colours of a page differ, once they do."""
+    tab = browser.open(address, *SIZE)
+    tab.wait("document.readyState === 'complete'")
+    end = time.monotonic() + SECONDS
+    while True:
+        data = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+        found = float(np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), np.float64).std(axis=(0, 1)).max() / 255)
+        if found > LEAST_SPREAD or time.monotonic() > end:
+            tab.close()
+            return found
+        time.sleep(0.5)
+
+
+def main(file: str) -> int:
+    """Run the check; returns the exit status."""
+    here, faults = Path.cwd(), 0
+    shutil.copy(file, here / "scene.tsplat")
+    for name in ("page.ts", "tsconfig.json"):
+        shutil.copy(ROOT / "checks" / "types" / name, here)
+    done = subprocess.run(["npx", "tsc", "-p", "tsconfig.json"], capture_output=True, text=True, check=False)
+    print("types:", done.stdout.strip() or "as used")
+    faults += done.returncode != 0
+    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(here)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    for name, text in PAGES.findall((ROOT / "docs" / "WEB.md").read_text("utf-8")):
+        (here / name).write_text(text.replace("<!doctype html>", '<!doctype html><link rel="icon" href="data:,">'))
+        with Browser() as browser:
+            found = spread(browser, f"http://127.0.0.1:{server.server_port}/{name}")
+            errors = [message[:200] for message in browser.messages if "rror" in message or "Failed" in message]
+        print(f"{name}: colours spread by {found:.3f}", *errors, flush=True)
+        faults += found <= LEAST_SPREAD or bool(errors)
+    server.shutdown()
+    return int(faults > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
