@@ -121,5 +121,7 @@ def parsing(what: str) -> Iterator[None]:
         yield
     except (InputError, ImportError, PermissionError):
         raise
+    except OSError:  # a seek to where nothing is
+        raise InputError(f"damaged or foreign {what} (cut short, or it refers to what is not in it)") from None
     except Exception as error:
         raise InputError(f"damaged or foreign {what} ({str(error)[:120] or type(error).__name__})") from None
