@@ -236,7 +236,7 @@ def main() -> None:
             for name, (fault, words) in FAULTS.items():
                 if options.faults not in name:
                     continue
-                if name.startswith("one ") and size == "pair":
+                if name.startswith(("one ", "banner")) and size == "pair":
                     continue
                 with tempfile.TemporaryDirectory() as place:
                     only = 1 if name.startswith("one ") else None

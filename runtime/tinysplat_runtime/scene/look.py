@@ -121,22 +121,6 @@ def agreed(look: Look, camera: Camera, other: Look, its: Camera) -> float:
     return float(same.sum() / max(inside.sum(), 1))
 
 
-def told(images: NDArray, cameras: Sequence[Camera], pairs: Sequence[tuple[int, int]], depths: NDArray) -> list[float]:
-    """Of each pair of photos the share of pixels that tell their depth and that the other has at that depth, too.
-
-    Much less than of other readings of the cameras, or of other pairs, where cameras or a photo are wrong: colours that
-    fit somewhere are found for any, but not at one place from both sides.
-
-    Args:
-        images: thumbnails (V, H, W, 3) float in [0, 1], of their cameras' sizes.
-        cameras: two or more.
-        pairs: of photos.
-        depths: (P,) scene units, > 0.
-    """
-    both = (_told(images, cameras, pair, depths) for pair in pairs)
-    return [float(np.mean([is_told.mean() for _, is_told in looks])) for looks in both]
-
-
 def _told(
     images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], depths: NDArray
 ) -> list[tuple[Look, NDArray]]:

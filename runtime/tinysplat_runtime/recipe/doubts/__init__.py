@@ -15,7 +15,7 @@ from collections.abc import Callable
 from ...scene.scenes import Scene
 from ...system.told import NOBODY, Told
 from .colours import colour_doubts
-from .corners import alone, misplaced, misread, range_of_corners
+from .corners import alone, misread, range_of_corners
 from .intrinsics import impossible
 from .photos import bordered, stuck, useless
 from .seen import Seen
@@ -28,7 +28,6 @@ KINDS: tuple[Callable[[Seen], list[str]], ...] = (
     misread,
     colour_doubts,
     stuck,
-    misplaced,
     alone,
     range_of_corners,
     range_doubts,

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...scene.matches import fit, matched
 from .readings import readings, single
-from .seen import CONFIRMED_ALONE, Seen
+from .seen import Seen
 
 AS_GOOD, MOST_NAMED = 1.1, 3
 """Readings that so many times as few corners fit as the best one are named beside it, up to so many: of cameras in a
@@ -24,10 +22,6 @@ looked at."""
 
 TELLING, INSIDE = 30, 0.5
 """So many corners that tell their depth say whether a range is right: it holds this share of their depths or more."""
-
-MANY, ASTRAY = 120, 0.15
-"""Cameras are wrong of which photos have so many corners in common, of which less than this share fits. Of right ones
-of 24 scenes at least 0.39 of 100 and more fit; up to 59 are found that are none, where photos share nothing."""
 
 WELL_JOINED, UNJOINED = 30.0, 1.0
 """A photo stands alone of whose corners at most the second fit any other's, where all others have the first with one
@@ -81,27 +75,6 @@ def _scores_of_one(seen: Seen, view: int) -> dict[str, float]:
         if fits >= max(MORE_OF_ONE * own, own + LEAST):
             scores[text] = rest + fits
     return scores
-
-
-def misplaced(seen: Seen) -> list[str]:
-    """Photos that have much in common, of which hardly anything lies where cameras allow; one of them, if others fit.
-
-    Where a camera moved along the lines that others' corners lie on, this is seen in some of its pairs alone.
-    """
-
-    def share(pairs: Sequence[tuple[int, int]]) -> float:
-        return sum(seen.shares[pair] for pair in pairs) / max(1, sum(len(seen.places[pair]) for pair in pairs))
-
-    rich = [pair for pair, places in seen.places.items() if len(places) >= MANY]
-    astray = [pair for pair in rich if share([pair]) < ASTRAY]
-    if not astray:
-        return []
-    v = min({v for pair in astray for v in pair}, key=lambda v: share([pair for pair in rich if v in pair]))
-    if seen.confirms([pair for pair in seen.places if v not in pair], CONFIRMED_ALONE):
-        fault = "has much in common with others, but not where the cameras say"
-        return [f"{seen.names[v]} {fault}: its pose or focal length is wrong; --views leaves it out"]
-    one, other = (seen.names[v] for v in astray[0])
-    return [f"{one} and {other} have much in common, but not where the cameras say: poses or focal lengths are wrong"]
 
 
 def alone(seen: Seen) -> list[str]:

@@ -20,9 +20,9 @@ from ...system.told import Told
 CLOSER = 4
 """Times the side of a thumbnail in which corners are looked for: focal lengths show in a pixel of it."""
 
-CONFIRMED, CONFIRMED_ALONE, MOSTLY = 100.0, 30.0, 1 / 3
-"""Where so many corners fit, of all photos or of one, and this share of those in common, cameras are right, however
-few pixels tell their depth. Of right ones of ten scenes 0.4 to 0.97 fit, by chance one or two of a hundred."""
+CONFIRMED, MOSTLY = 100.0, 1 / 3
+"""Where so many corners fit, and this share of those in common, cameras are right, however few pixels tell their depth.
+Of right ones of ten scenes 0.4 to 0.97 fit, by chance one or two of a hundred."""
 
 FEW = 24
 """Photos whose corners are looked at."""
@@ -92,16 +92,8 @@ class Seen:
     @cached_property
     def confirmed(self) -> bool:
         """Whether corners of the photos agree with the cameras as given."""
-        return self.confirms(list(self.places), CONFIRMED)
-
-    def confirm(self, view: int) -> bool:
-        """Whether those that a photo has in common with others do."""
-        return self.confirms([pair for pair in self.places if view in pair], CONFIRMED_ALONE)
-
-    def confirms(self, pairs: Sequence[tuple[int, int]], least: float) -> bool:
-        """Whether those of some pairs do."""
-        fits = sum(self.shares[pair] for pair in pairs)
-        return fits > max(least, MOSTLY * sum(len(self.places[pair]) for pair in pairs))
+        fits = sum(self.shares.values())
+        return fits > max(CONFIRMED, MOSTLY * sum(map(len, self.places.values())))
 
     @cached_property
     def corner_depths(self) -> NDArray:
