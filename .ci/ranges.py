@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 TESTS = (
     "tests/e2e/test_cli.py",
-    "tests/container/test_container.py",
+    "tests/container/test_table.py",
     "tests/codec/test_hevc.py",
     "tests/system/test_files.py",
     "tests/formats/test_formats.py",

@@ -209,7 +209,7 @@ def make_free_gaussians(count: int, degree: int, rng: np.random.Generator, size:
 
 
 def free_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, ...] = (0.3, 0.1), **options) -> bytes:
-    """A file of mode free in three tiers, those of the largest opacities first."""
+    """A list in three tiers, those of the largest opacities first."""
     levels = (Level(0.1, 0.7, 0.75), Level(0.3, 0.8, 0.8), Level(1, 1.1, 1))
     ranks = np.argsort(np.argsort(-gaussians.opacities, kind="stable"))
     numbers = sum(ranks >= level.share * gaussians.count for level in levels[:2]).astype(np.uint8)

@@ -184,7 +184,7 @@ def test_a_table_that_announces_more_than_memory_holds_is_refused_before_it_is_r
 
 
 def test_targets_are_met_over_all_views_and_files_like_others_keep_their_pictures(gaussians, data):
-    """Both ways of coding that read a file back: of views as units they find the same."""
+    """Both ways of coding that read a file back: of a file in parts by view they find the same."""
     wanted = len(data) * 3 // 4
     sized = ts.compress(gaussians, profile="fast", target_size=wanted)
     assert 0.95 * wanted <= len(sized) <= wanted and len(ts.decompress(sized).cameras) == VIEWS

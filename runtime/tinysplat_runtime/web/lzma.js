@@ -1,4 +1,4 @@
-/** Raw LZMA2 with lc = lp = pb = 0, as FREP's streams are: the format of xz, "LZMA2", and of the LZMA SDK, "lzma-specification". */
+/** Raw LZMA2 with lc = lp = pb = 0, as the streams of positions are: the format of xz, "LZMA2", and of the LZMA SDK, "lzma-specification". */
 import { TsplatError } from "./errors.js";
 
 /** Where errors are. */

@@ -1,6 +1,6 @@
 """What do lists cost, in `.tsplat` and in other formats, at equal dB?
 
-A trained scene's file, or the made room as a list, goes into mode free over Q_g: as it is by default, without what
+A trained scene's file, or the made room as a list, goes into mode list over Q_g: as it is by default, without what
 pictures hardly need, and whole. It goes into other formats as `convert` writes them. A point is a file's bytes and the
 mean dB of pictures from all sides, at which removal did not look, against those of the Gaussians as they were read. A
 folder with photos behind a file is the scene that it was trained on: then pictures are taken from every eighth photo,

@@ -1,4 +1,4 @@
-"""Positions on a grid as an octree: a byte a cell for which of its eight parts are occupied. docs/FORMAT.md, `FREP`.
+"""Positions on a grid as an octree: a byte a cell for which of its eight parts are occupied: FORMAT.md, "Positions".
 
 The order of points is not kept, which is what makes it cheap: the leaves come out along a Morton curve. A cell's byte
 is put into one of four streams by how many parts its parent has, as lone parts tend to have lone parts; LZMA codes
