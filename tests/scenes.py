@@ -22,9 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tinysplat_runtime.codec.free.encoder import FreeEncoder
-from tinysplat_runtime.codec.free.levels import Level, Tiers
 from tinysplat_runtime.codec.job import EncodeStats
+from tinysplat_runtime.codec.list.encoder import ListEncoder
+from tinysplat_runtime.codec.list.levels import Level, Tiers
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
@@ -196,7 +196,7 @@ def photographed(draw: st.DrawFn, degrees: int = 2) -> tuple[Gaussians, Camera, 
     return Gaussians(**{**vars(first), "extra_layers": tuple(others)}), camera, drawing
 
 
-def make_free_gaussians(count: int, degree: int, rng: np.random.Generator, size: float = 1.0) -> Gaussians:
+def make_list(count: int, degree: int, rng: np.random.Generator, size: float = 1.0) -> Gaussians:
     """Gaussians of no pixels: a lumpy shell of radius about `size` whose colours vary smoothly along it."""
     towards = rng.normal(size=(count, 3))
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
@@ -208,13 +208,13 @@ def make_free_gaussians(count: int, degree: int, rng: np.random.Generator, size:
     return Gaussians(means, rng.normal(size=(count, 4)), scales, rng.uniform(0.02, 1, count), sh)
 
 
-def free_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, ...] = (0.3, 0.1), **options) -> bytes:
+def list_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, ...] = (0.3, 0.1), **options) -> bytes:
     """A list in three tiers, those of the largest opacities first."""
     levels = (Level(0.1, 0.7, 0.75), Level(0.3, 0.8, 0.8), Level(1, 1.1, 1))
     ranks = np.argsort(np.argsort(-gaussians.opacities, kind="stable"))
     numbers = sum(ranks >= level.share * gaussians.count for level in levels[:2]).astype(np.uint8)
     options = {"threads": 1, "stats": EncodeStats(), "tiers": Tiers(levels, numbers, growths), **options}
-    return FreeEncoder(gaussians, find_profile("balanced"), **options).code(qp)
+    return ListEncoder(gaussians, find_profile("balanced"), **options).code(qp)
 
 
 def make_photo(height: int, width: int, seed: int = 0) -> NDArray:

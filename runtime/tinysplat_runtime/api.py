@@ -167,7 +167,7 @@ class Runtime:
 
         Args:
             gaussians: per pixel, with cameras; or a list, as of a trained or an edited scene, which
-                mode `free` codes: as one list, in an order of its own, without those that pictures hardly need
+                mode `list` codes: as one list, in an order of its own, without those that pictures hardly need
                 (`keep_all` keeps them; so does a Python without numba, with a warning) and those of opacity
                 under 1/255. The file carries their notes and viewpoints. Without `cameras`, what is surely an object is
                 looked at from outside, and of anything else all is kept, with a warning.

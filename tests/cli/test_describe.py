@@ -8,7 +8,7 @@ from pathlib import Path
 import console
 import numpy as np
 import pytest
-from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians
+from scenes import list_in_tiers, make_list, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 
@@ -37,7 +37,7 @@ FILES = {
     "planes": lambda: ts.compress(make_smooth_gaussians(2, 16, 24, degree=1).with_notes(ts.Notes(unit="metre"))),
     "lossless": lambda: ts.compress(make_smooth_gaussians(2, 16, 24), lossless=True),
     "capture": lambda: ts.compress(make_smooth_gaussians(14, 8, 16)),
-    "list": lambda: free_in_tiers(make_free_gaussians(300, 1, np.random.default_rng(1))),
+    "list": lambda: list_in_tiers(make_list(300, 1, np.random.default_rng(1))),
 }
 
 

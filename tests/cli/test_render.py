@@ -10,7 +10,7 @@ import console
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import make_cameras, make_free_gaussians, make_smooth_gaussians, scene_document, tells
+from scenes import make_cameras, make_list, make_smooth_gaussians, scene_document, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.render import depth_colours, depth_map
@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     g = make_smooth_gaussians(2, 16, 24, degree=0)
     ts.save_gaussians(path / "g.npz", g)
     (path / "g.tsplat").write_bytes(ts.compress(g))
-    ts.save_gaussians(path / "free.ply", make_free_gaussians(40, 0, np.random.default_rng(1)))
+    ts.save_gaussians(path / "free.ply", make_list(40, 0, np.random.default_rng(1)))
     (path / "cameras.json").write_text(json.dumps(scene_document(make_cameras(5, 16, 24))))
     return path
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import console
 import numpy as np
 import pytest
-from scenes import make_free_gaussians, make_smooth_gaussians, refused, write_scene
+from scenes import make_list, make_smooth_gaussians, refused, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.player import write_player
@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     g = ts.Gaussians(g.means, g.quats, g.scales, g.opacities, g.sh, cameras)
     ts.save_gaussians(path / "g.npz", g)
     (path / "f.tsplat").write_bytes(ts.compress(make_smooth_gaussians(2, 24, 32, degree=0)))
-    ts.save_gaussians(path / "free.ply", make_free_gaussians(40, 0, np.random.default_rng(1)))
+    ts.save_gaussians(path / "free.ply", make_list(40, 0, np.random.default_rng(1)))
     return path
 
 

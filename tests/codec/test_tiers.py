@@ -1,4 +1,4 @@
-"""Mode free in tiers: what a prefix shows, what the whole file comes to, and who refuses it."""
+"""Mode list in tiers: what a prefix shows, what the whole file comes to, and who refuses it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import free_in_tiers, make_free_gaussians
+from scenes import list_in_tiers, make_list
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import FormatError
@@ -18,12 +18,12 @@ GROWTHS = 0.3, 0.1
 
 
 def cloud() -> Gaussians:
-    return make_free_gaussians(COUNT, 1, np.random.default_rng(1))
+    return make_list(COUNT, 1, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
 def data() -> bytes:
-    return free_in_tiers(cloud(), -12.0, GROWTHS)
+    return list_in_tiers(cloud(), -12.0, GROWTHS)
 
 
 def ends_of(data: bytes) -> list[int]:
@@ -110,5 +110,5 @@ def test_a_damaged_picture_leaves_out_its_tier_and_those_behind_it(data: bytes) 
 def test_gaussians_of_which_a_tier_would_be_empty_have_none() -> None:
     made = cloud()
     least = np.sort(made.opacities)[-240]  # those of the last tier do not show
-    data = free_in_tiers(replace(made, opacities=np.where(made.opacities < least, np.float32(1e-3), made.opacities)))
+    data = list_in_tiers(replace(made, opacities=np.where(made.opacities < least, np.float32(1e-3), made.opacities)))
     assert ts.decompress(data).count == 240 and ts.inspect(data)["tiers"] == [240]

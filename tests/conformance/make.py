@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from scenes import free_in_tiers, make_free_gaussians, make_skewed_cameras, make_smooth_gaussians, write_scene
+from scenes import list_in_tiers, make_list, make_skewed_cameras, make_smooth_gaussians, write_scene
 from sections import Pict, beside, changed_section, file_of, repacked, sections_of, with_picture
 
 import tinysplat_runtime as ts
@@ -172,20 +172,20 @@ def structure() -> Iterator[Case]:
 def other_modes() -> Iterator[Case]:
     """Modes list, lossless and photos."""
     rng = np.random.default_rng(7)
-    data = compress(make_free_gaussians(300, 1, rng), keep_all=True)
+    data = compress(make_list(300, 1, rng), keep_all=True)
     yield Case("list", "SH degree 1", data)
-    far = compress(make_free_gaussians(90, 3, rng, 40.0), qp=-6, keep_all=True)
+    far = compress(make_list(90, 3, rng, 40.0), qp=-6, keep_all=True)
     yield Case("list_degree3", "SH degree 3, radii far apart", far)
-    yield Case("list_one", "one Gaussian", compress(make_free_gaussians(1, 0, rng), keep_all=True))
-    crowd = make_free_gaussians(600, 0, rng, 0.0)
+    yield Case("list_one", "one Gaussian", compress(make_list(1, 0, rng), keep_all=True))
+    crowd = make_list(600, 0, rng, 0.0)
     yield Case("list_crowd", "600 in one place: numbers beyond a byte", compress(crowd, keep_all=True))
     end = ts.inspect(data)["prefixes"][0]["bytes"]
     yield Case("list_prefix", "a prefix that holds what sorts", data, {"maxBytes": end}, scale=1.0)
-    tiers = free_in_tiers(make_free_gaussians(400, 1, rng))
+    tiers = list_in_tiers(make_list(400, 1, rng))
     yield Case("tiers", "three tiers", tiers)
     ends = [entry["bytes"] for entry in ts.inspect(tiers)["prefixes"]]
     yield Case("tiers_spheres", "a second tier without rotations", tiers, {"maxBytes": ends[3]}, scale=1.0)
-    few = make_free_gaussians(60, 0, np.random.default_rng(17))
+    few = make_list(60, 0, np.random.default_rng(17))
     seen = compress(replace(few, viewpoints=tuple(make_skewed_cameras(3, 12, 16))), keep_all=True)
     yield Case("list_cameras", "cameras of the photos that Gaussians were made from", seen)
     yield Case("lossless", "exact planes, two layers", lossless(make_smooth_gaussians(2, 6, 9, 1, layers=2)))
@@ -215,7 +215,7 @@ def refused() -> Iterator[Case]:
     """Files that a reader must not accept."""
     data = compress(make_smooth_gaussians(2, 8, 8, 1, seed=8), "fast")
     sections = sections_of(data)
-    listed = compress(make_free_gaussians(40, 0, np.random.default_rng(9)), keep_all=True)
+    listed = compress(make_list(40, 0, np.random.default_rng(9)), keep_all=True)
     exact = lossless(make_smooth_gaussians(1, 4, 4, 0))
 
     def made(name: str, tests: str, file: bytes, **options: Any) -> Case:
@@ -257,7 +257,7 @@ def refused() -> Iterator[Case]:
     points = bytearray(sections_of(listed)[-1][3][place.start : place.start + place.length])
     points[24] = 0x7F
     yield made("points", "positions that are no LZMA2", with_picture(listed, place, bytes(points)))
-    tiers = free_in_tiers(make_free_gaussians(60, 0, np.random.default_rng(9)))
+    tiers = list_in_tiers(make_list(60, 0, np.random.default_rng(9)))
     yield spoilt("growth", "scales that grow by e^3", tiers, b"TIER", 24, b"\0\0\x40\x40", 1)
     yield spoilt("exact_hash", "exact planes of another SHA-256", exact, b"EXAC", 20, b"\0\0\0")
     parts = repacked(data, by_view=True)

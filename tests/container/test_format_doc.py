@@ -14,7 +14,7 @@ from golden.cases import DATA
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.exact import EXACT_FIXED
-from tinysplat_runtime.container.free import LIST_FIXED, TIER_FIXED
+from tinysplat_runtime.container.list import LIST_FIXED, TIER_FIXED
 from tinysplat_runtime.container.notes import NOTE_FIXED
 from tinysplat_runtime.container.photos import GROUP_FIXED, GROUP_VIEW, PHOTOS_FIXED
 from tinysplat_runtime.gaussian.gaussians import FIELDS

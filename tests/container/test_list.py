@@ -18,7 +18,7 @@ from scenes import refusing
 from sections import changed_section, file_of, sections_of
 
 from tinysplat_runtime.container.cameras import rounded_cameras
-from tinysplat_runtime.container.free import FreeScene, decoding_bytes, list_rows, list_sections, position_streams
+from tinysplat_runtime.container.list import ListScene, decoding_bytes, list_rows, list_sections, position_streams
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import Limits, Picture
 from tinysplat_runtime.container.writer import write_container
@@ -114,7 +114,7 @@ class List:
         return file_of([scene, *self.sections()])
 
 
-def read(data: bytes, **limits: int) -> FreeScene:
+def read(data: bytes, **limits: int) -> ListScene:
     return read_container(data, Limits(**limits)).body.scene
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians, refusing
+from scenes import make_list, refusing
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians, save_points
@@ -18,7 +18,7 @@ from tinysplat_runtime.gaussian.sh import C0
 
 @pytest.mark.parametrize("grid", [(1, 2), (1, 2, 3, 4), (0, 4, 6), (2, 4, -1)])
 def test_grids_are_three_numbers_of_one_or_more(tmp_path: Path, grid: Any) -> None:
-    save_gaussians(tmp_path / "g.npz", make_free_gaussians(24, 0, np.random.default_rng(0)))
+    save_gaussians(tmp_path / "g.npz", make_list(24, 0, np.random.default_rng(0)))
     assert load_gaussians(tmp_path / "g.npz", (1, 4, 6)).opacities.shape == (1, 4, 6)
     with refusing(InputError, f"grid: {grid} (V, H, W)"):
         load_gaussians(tmp_path / "g.npz", grid)
@@ -44,7 +44,7 @@ def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
 
 
 def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
-    g = make_free_gaussians(5, 0, np.random.default_rng(0))
+    g = make_list(5, 0, np.random.default_rng(0))
     for options, words in (({"sh_bits": (0, 4)}, "SH"), ({"spz_version": 9}, "SPZ")):
         with refusing(InputError, words) as error:
             save_gaussians(tmp_path / "a.spz", g, **options)

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from console import tinysplat
 from numpy.typing import NDArray
-from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians, write_scene
+from scenes import list_in_tiers, make_list, make_smooth_gaussians, write_scene
 
 from tinysplat_runtime import compress
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -43,7 +43,7 @@ def _view_dependent() -> Gaussians:
 
 
 def _in_tiers(gaussians: Gaussians, _: str, qp: float) -> bytes:
-    return free_in_tiers(gaussians, qp)
+    return list_in_tiers(gaussians, qp)
 
 
 def _example() -> Gaussians:
@@ -61,8 +61,8 @@ FILES = [
     FileCase("degree2_paper", lambda: make_smooth_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
     FileCase("degree1_balanced", _view_dependent, "balanced", 0),
     FileCase("views_balanced", lambda: make_smooth_gaussians(8, 12, 16, 1, seed=7, layers=2), "balanced", 0),
-    FileCase("tiers_balanced", lambda: make_free_gaussians(400, 1, np.random.default_rng(8)), "balanced", 6, _in_tiers),
-    FileCase("list_balanced", lambda: make_free_gaussians(300, 1, np.random.default_rng(6)), "balanced", 0),
+    FileCase("tiers_balanced", lambda: make_list(400, 1, np.random.default_rng(8)), "balanced", 6, _in_tiers),
+    FileCase("list_balanced", lambda: make_list(300, 1, np.random.default_rng(6)), "balanced", 0),
 ]
 
 

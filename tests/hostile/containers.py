@@ -19,7 +19,7 @@ from sections import Pict, sections_of, with_picture
 
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.exact import EXACT, EXACT_FIXED
-from tinysplat_runtime.container.free import LIST, LIST_FIXED, TIER, TIER_FIXED
+from tinysplat_runtime.container.list import LIST, LIST_FIXED, TIER, TIER_FIXED
 from tinysplat_runtime.container.photos import PHOTOS, PHOTOS_FIXED
 
 from .damage import VALUES, damage

@@ -15,10 +15,10 @@ import numpy as np
 from formats.foreign import foreign_bytes
 from scenes import (
     colmap_texts,
-    free_in_tiers,
+    list_in_tiers,
     make_cameras,
-    make_free_gaussians,
     make_gaussians,
+    make_list,
     make_photo,
     make_smooth_gaussians,
     scene_document,
@@ -59,8 +59,8 @@ def list_seeds() -> tuple[Seed, ...]:
     """Files of Gaussians of no pixels: one, some in one place, a few hundred of SH degree 0 and 2, and three tiers."""
     runtime, rng = ts.Runtime(threads=1), np.random.default_rng(5)
     scenes = [(1, 0, 1.0), (9, 1, 0.0), (300, 0, 1.0), (200, 2, 1.0)]
-    files = [runtime.compress(make_free_gaussians(n, degree, rng, size), keep_all=True) for n, degree, size in scenes]
-    return tuple(Seed.of(data) for data in (*files, free_in_tiers(make_free_gaussians(150, 1, rng))))
+    files = [runtime.compress(make_list(n, degree, rng, size), keep_all=True) for n, degree, size in scenes]
+    return tuple(Seed.of(data) for data in (*files, list_in_tiers(make_list(150, 1, rng))))
 
 
 @lru_cache(maxsize=1)

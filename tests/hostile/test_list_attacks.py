@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hostile.containers import Seed, changed, field, memory_of_decoding
-from scenes import free_in_tiers, make_free_gaussians, refusing
+from scenes import list_in_tiers, make_list, refusing
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.free import octree
-from tinysplat_runtime.codec.free.octree import decode_points, encode_points
+from tinysplat_runtime.codec.list import octree
+from tinysplat_runtime.codec.list.octree import decode_points, encode_points
 from tinysplat_runtime.container import layout as L
-from tinysplat_runtime.container.free import TIER, decoding_bytes
+from tinysplat_runtime.container.list import TIER, decoding_bytes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.curve import morton_keys
@@ -25,7 +25,7 @@ from tinysplat_runtime.gaussian.curve import morton_keys
 
 @pytest.fixture(scope="module")
 def seed() -> Seed:
-    return Seed.of(ts.compress(make_free_gaussians(400, 1, np.random.default_rng(3)), qp=-12.0, keep_all=True))
+    return Seed.of(ts.compress(make_list(400, 1, np.random.default_rng(3)), qp=-12.0, keep_all=True))
 
 
 def test_cameras_and_tiers_are_as_many_as_the_scene_says(seed: Seed) -> None:
@@ -139,7 +139,7 @@ def test_octrees_that_do_not_come_to_what_is_announced_are_refused(name: str) ->
 
 @pytest.mark.parametrize("degree", [0, 2])
 def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path: Path, seed: Seed, degree: int) -> None:
-    data = ts.compress(make_free_gaussians(120_000, degree, np.random.default_rng(4)), "fast", 12.0, keep_all=True)
+    data = ts.compress(make_list(120_000, degree, np.random.default_rng(4)), "fast", 12.0, keep_all=True)
     grown = memory_of_decoding(tmp_path, seed.data, data)
     scene = read_container(data).body.scene
     assert scene is not None
@@ -151,7 +151,7 @@ def test_decoding_takes_at_most_twice_the_memory_that_the_limit_counts(tmp_path:
 
 @pytest.fixture(scope="module")
 def tiers() -> Seed:
-    return Seed.of(free_in_tiers(make_free_gaussians(120, 1, np.random.default_rng(3))))
+    return Seed.of(list_in_tiers(make_list(120, 1, np.random.default_rng(3))))
 
 
 @pytest.mark.parametrize("index", [1, 3])

@@ -113,7 +113,7 @@ def test_tests_name_nothing_private_of_the_project_and_replace_none_of_its_parts
 @pytest.mark.parametrize(
     "line",
     [
-        "from tinysplat_runtime.codec.free import _order",
+        "from tinysplat_runtime.codec.list import _order",
         "from tinysplat_runtime.codec import free; free.order._tables",
         "def test(runtime): runtime.store._graphs",
         "from tinysplat_runtime.system import files; monkeypatch.setattr(files.os, 'open', None)",

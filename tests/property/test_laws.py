@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import make_free_gaussians, make_smooth_gaussians
+from scenes import make_list, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.profiles import PROFILES
@@ -45,7 +45,7 @@ def captures(draw: st.DrawFn, views: int = 8, side: int = 24) -> Gaussians:
 def clouds(draw: st.DrawFn, most: int = 200) -> Gaussians:
     """Gaussians of no pixels, one to many, tiny to huge, some alike."""
     count, size = draw(st.integers(1, most)), 10.0 ** draw(st.integers(-3, 3))
-    made = make_free_gaussians(count, draw(DEGREE), np.random.default_rng(draw(st.integers(0, 99))), size)
+    made = make_list(count, draw(DEGREE), np.random.default_rng(draw(st.integers(0, 99))), size)
     rows = np.arange(count) if draw(st.booleans()) else np.zeros(count, int)
     fields = {name: getattr(made, name)[rows] for name in FIELDS}
     fields["scales"] = size * fields["scales"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from prune.looks import error
-from scenes import make_free_gaussians
+from scenes import make_list
 
 pytest.importorskip("numba")
 
@@ -28,7 +28,7 @@ def drawn(gaussians, cameras):
 def scene():
     """Gaussians of SH degree 1, and the same a little off in every value that is corrected."""
     rng = np.random.default_rng(3)
-    true = make_free_gaussians(300, 1, rng)
+    true = make_list(300, 1, rng)
     true = replace(true, scales=true.scales.clip(0.05), opacities=true.opacities.clip(0.2, 0.8))
     size = true.scales.mean(axis=1, keepdims=True)
     off = replace(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians
+from scenes import make_list
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.sh import C0
@@ -22,7 +22,7 @@ from tinysplat_runtime.prune.pictures import Pictures
 
 @pytest.fixture(scope="module")
 def cloud() -> Gaussians:
-    return make_free_gaussians(400, 1, np.random.default_rng(5))
+    return make_list(400, 1, np.random.default_rng(5))
 
 
 def drawn(gaussians: Gaussians, camera) -> np.ndarray:

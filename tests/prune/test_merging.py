@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians
+from scenes import make_list
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
@@ -26,7 +26,7 @@ def covariances(gaussians: Gaussians) -> np.ndarray:
 @pytest.fixture
 def pairs() -> Gaussians:
     """Forty far from one another, and beside each, forty rows later, one like it."""
-    some = make_free_gaussians(40, 1, np.random.default_rng(1))
+    some = make_list(40, 1, np.random.default_rng(1))
     places = 4 * np.random.default_rng(2).permutation(64)[:40, None] * [1, 0, 0] + 2 * some.means
     parts = [
         replace(some, means=places),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from prune.looks import psnr
-from scenes import make_free_gaussians
+from scenes import make_list
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
@@ -31,7 +31,7 @@ COUNT = 3000
 def place() -> Gaussians:
     """What was photographed from about its middle: the farther away, the larger."""
     rng = np.random.default_rng(4)
-    some = make_free_gaussians(COUNT, 0, rng)
+    some = make_list(COUNT, 0, rng)
     away = np.exp(rng.uniform(-1.0, 2.5, COUNT))[:, None]
     towards = some.means / np.linalg.norm(some.means, axis=1, keepdims=True) * [1, 0.4, 1]
     return replace(some, means=away * towards, scales=0.4 * away * some.scales)
@@ -62,7 +62,7 @@ def turned(gaussians: Gaussians, seed: int) -> Gaussians:
 
 def figure(count: int) -> Gaussians:
     """An object: a body with two arms, as large everywhere and nothing about it."""
-    ball = make_free_gaussians(count, 0, np.random.default_rng(4), size=0.3)
+    ball = make_list(count, 0, np.random.default_rng(4), size=0.3)
     means = ball.means.copy()
     means[::3] = means[::3] * [6, 0.6, 0.6] + [0, 0.3, 0]
     means[1::3] = means[1::3] * [1, 3, 1]
@@ -72,7 +72,7 @@ def figure(count: int) -> Gaussians:
 def desk(count: int) -> Gaussians:
     """Trained from photos on one side of it: a desk before a wall, sizes alike, and a few that float far behind."""
     rng = np.random.default_rng(5)
-    some = make_free_gaussians(count, 0, rng)
+    some = make_list(count, 0, rng)
     means = rng.uniform(-1, 1, (count, 3)) * [1, 1, 0.02]
     means[::2] = means[::2][:, [0, 2, 1]] + [0, 1, -1]
     means[::40] *= rng.uniform(1, 6, (len(means[::40]), 1))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from prune.looks import psnr
-from scenes import make_free_gaussians, make_gaussians, tells
+from scenes import make_gaussians, make_list, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
@@ -41,7 +41,7 @@ def ball() -> Gaussians:
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(450, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    some = make_free_gaussians(450, 0, rng)
+    some = make_list(450, 0, rng)
     shell = replace(
         some, means=directions, scales=np.full((450, 3), 0.16), opacities=np.full(450, 0.95), sh=0.2 * some.sh
     )
@@ -80,7 +80,7 @@ def test_colours_make_up_for_what_went_at_views_that_nobody_looked_at(ball):
 
 
 def test_a_higher_worth_leaves_out_more_and_costs_more():
-    cloud = make_free_gaussians(800, 1, np.random.default_rng(3))
+    cloud = make_list(800, 1, np.random.default_rng(3))
     ranked = remover(cloud, 6)
     thinned = [ranked.thin(worth) for worth in (0.0, 0.02, 0.2, 1e9)]
     left = [one.left_out for one in thinned]
@@ -115,13 +115,13 @@ def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
 
 
 def test_finer_steps_leave_out_less():
-    cloud = photographed(make_free_gaussians(900, 1, np.random.default_rng(6)))
+    cloud = photographed(make_list(900, 1, np.random.default_rng(6)))
     counts = [ts.decompress(ts.compress(cloud, qp=qp)).count for qp in (-18.0, 0.0, 12.0)]
     assert counts[0] > counts[1] > counts[2]
 
 
 def test_coefficients_are_dear_where_bits_are_and_where_their_degree_is_small():
-    cloud = make_free_gaussians(50, 2, np.random.default_rng(1))
+    cloud = make_list(50, 2, np.random.default_rng(1))
     once = np.array(band_penalties(cloud, 1.0))
     louder = replace(cloud, sh=cloud.sh * np.where(np.arange(9) < 4, 1, 2)[:, None].astype(np.float32))
     assert once.size == 2 and (once > 0).all()

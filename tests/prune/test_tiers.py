@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from prune.looks import psnr
-from scenes import make_free_gaussians
+from scenes import make_list
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -23,7 +23,7 @@ def sizes_in(whole: Gaussians, part: Gaussians) -> np.ndarray:
 
 def test_parts_of_a_file_show_what_pictures_need_most_and_grown_for_what_is_absent() -> None:
     """Of a ball of 1,000 large Gaussians, speckled by many small ones on it."""
-    some = make_free_gaussians(20_000, 0, np.random.default_rng(0))
+    some = make_list(20_000, 0, np.random.default_rng(0))
     means = some.means / np.linalg.norm(some.means, axis=1, keepdims=True)
     is_large = np.arange(20_000)[:, None] < 1000
     scales = np.where(is_large, np.float32(0.08), 0.4 * some.scales)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians
+from scenes import make_list
 
 pytest.importorskip("numba")
 
@@ -22,7 +22,7 @@ def _on_a_box(count: int, size: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def test_objects_are_seen_from_all_sides():
-    cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
+    cloud = make_list(500, 0, np.random.default_rng(0))
     moved = replace(cloud, origin=np.array([1e4, -2e4, 5.0]))
     low, high = np.percentile(moved.means, (5, 95), axis=0)
     diagonal, middle = np.linalg.norm(high - low), (low + high) / 2 + moved.origin
@@ -38,7 +38,7 @@ def test_objects_are_seen_from_all_sides():
 
 
 def test_what_lies_far_off_does_not_move_near_views_away():
-    cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
+    cloud = make_list(500, 0, np.random.default_rng(0))
     means = cloud.means.copy()
     means[::4] *= 30
     far = replace(cloud, means=means)
@@ -48,7 +48,7 @@ def test_what_lies_far_off_does_not_move_near_views_away():
 
 def test_rooms_are_seen_from_within_too():
     rng = np.random.default_rng(1)
-    walls = make_free_gaussians(4000, 0, rng)
+    walls = make_list(4000, 0, rng)
     room = replace(walls, means=_on_a_box(4000, 3.0, rng), scales=np.full((4000, 3), 0.2), opacities=np.full(4000, 0.9))
     inside = [c for c in views_about(room, 18) if np.linalg.norm(c.centre) < 1]
     assert inside
@@ -57,7 +57,7 @@ def test_rooms_are_seen_from_within_too():
 
 
 def test_photos_are_looked_at_small_and_those_between_them_judge():
-    cloud = make_free_gaussians(500, 0, np.random.default_rng(0))
+    cloud = make_list(500, 0, np.random.default_rng(0))
     shapes = [(1800, 3200), (1800, 3200), (3200, 1800)]
     photos = tuple(camera.resized(*shapes[number % 3]) for number, camera in enumerate(ring(cloud, 60)))
     views, reason = views_of(replace(cloud, viewpoints=photos))

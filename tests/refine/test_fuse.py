@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.rasteriser import render_reference
-from scenes import make_cameras, make_free_gaussians, tells
+from scenes import make_cameras, make_list, tells
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
@@ -39,7 +39,7 @@ def moved(start: Gaussians, units: np.ndarray, values: np.ndarray) -> Gaussians:
 
 def before_a_camera(size: float) -> Gaussians:
     """Thirty of degree 0, about 3 before the origin, opacities around a half."""
-    made = make_free_gaussians(30, 0, np.random.default_rng(3))
+    made = make_list(30, 0, np.random.default_rng(3))
     means = np.random.default_rng(4).uniform([-1.2, -1, 2], [1.2, 1, 4], (30, 3))
     return replace(made, means=means, opacities=0.2 + 0.6 * made.opacities, scales=size * (0.02 + made.scales))
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import make_free_gaussians
+from scenes import make_list
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
@@ -137,7 +137,7 @@ def test_gaussians_without_views_are_seen_from_outside_and_from_all_sides() -> N
     means = rng.uniform(-1, 1, (4000, 3)) * (3, 1, 2)
     means[::40] *= 1000
     origin = np.array([5.0, -40, 7])
-    scene = replace(make_free_gaussians(4000, 0, rng), means=means, origin=origin)
+    scene = replace(make_list(4000, 0, rng), means=means, origin=origin)
     corners = 0.9 * np.stack(np.meshgrid([-3, 3], [-1, 1], [-2, 2]), axis=-1).reshape(-1, 3) + origin
     front, *sides = outside(scene), *ring(scene, 6)
     for view in (front, *sides):

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from property.test_laws import PROFILE, captures, clouds
-from scenes import free_in_tiers, make_free_gaussians, make_smooth_gaussians
+from scenes import list_in_tiers, make_list, make_smooth_gaussians
 from sections import repacked
 from web.node import Decoder
 
@@ -72,7 +72,7 @@ def held_to(decoder: Decoder, runtime: ts.Runtime, file: bytes, length: int, who
 
 @pytest.mark.parametrize("name", ["degree1_balanced", "list_balanced", "tiers"])
 def test_prefixes_decode_as_in_python_or_are_refused_as_there(decoder: Decoder, runtime: ts.Runtime, name: str) -> None:
-    file = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
+    file = list_in_tiers(make_list(600, 1, np.random.default_rng(2)), 9.0)
     if name != "tiers":
         file = (DATA / f"{name}.tsplat").read_bytes()
     whole = runtime.decompress(file)
@@ -98,12 +98,12 @@ def test_every_flag_of_a_layer_counts_by_itself(decoder: Decoder, runtime: ts.Ru
 
 
 def test_long_lists_lie_in_tiles(decoder: Decoder, runtime: ts.Runtime) -> None:
-    file = runtime.compress(make_free_gaussians(9000, 0, np.random.default_rng(3)), "fast", keep_all=True)
+    file = runtime.compress(make_list(9000, 0, np.random.default_rng(3)), "fast", keep_all=True)
     check(decoder(file)[1], runtime.decompress(file))
 
 
 def test_a_damaged_tier_is_left_out_as_in_python(decoder: Decoder, runtime: ts.Runtime) -> None:
-    made = free_in_tiers(make_free_gaussians(600, 1, np.random.default_rng(2)), 9.0)
+    made = list_in_tiers(make_list(600, 1, np.random.default_rng(2)), 9.0)
     data = bytearray(made)
     data[ts.inspect(made)["prefixes"][-2]["bytes"] - 5] ^= 1  # of the last tier's colours
     lost: list[str] = []

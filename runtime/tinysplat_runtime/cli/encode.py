@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
-from ..container.points import Points
+from ..container.list import List
 from ..errors import TinySplatError
 from ..formats.viewpoints import found_beside
 from ..graphs.providers import providers_of
@@ -59,7 +59,7 @@ def _write(coded: Encoded, voice: Voice, report: str | None, runtime: Runtime, *
     voice.done(f"{len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s", voice.output)
     if stats.reason:
         voice.done(f"mode {stats.mode}: {stats.reason}")
-    elif stats.mode == Points.mode:
+    elif stats.mode == List.mode:
         if stats.left_out:
             differ = f"{stats.left_out_psnr:.1f} dB between pictures with and without"
             voice.done(f"pruned {stats.left_out:,} Gaussians: {differ}")

@@ -7,11 +7,11 @@ from collections.abc import Collection
 from ..errors import FormatError
 from .body import Body
 from .exact import Exact
+from .list import List
 from .photos import Photos
 from .planes import Planes
-from .points import Points
 
-BODIES: list[type[Body]] = [Planes, Photos, Exact, Points]
+BODIES: list[type[Body]] = [Planes, Photos, Exact, List]
 """A file's body is of the kind whose sign is among its sections; by its name `codec/modes/` has what codes it."""
 
 

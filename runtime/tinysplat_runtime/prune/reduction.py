@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..codec.free.encoder import visible
+from ..codec.list.encoder import visible
 from ..codec.search import tries
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.free.encoder import FreeEncoder, visible
 from ..codec.job import EncodeStats
+from ..codec.list.encoder import ListEncoder, visible
 from ..codec.profiles import Profile
 from ..codec.search import Coder
 from ..gaussian.gaussians import Gaussians
@@ -31,7 +31,7 @@ class Terms:
     """How much goes, and how what is left is coded.
 
     Attributes:
-        slope: worth of a Gaussian over the mean error by Gaussian that `FreeEncoder.rounded` estimates.
+        slope: worth of a Gaussian over the mean error by Gaussian that `ListEncoder.rounded` estimates.
         steps: of what is left, over those of Q_g.
     """
 
@@ -61,16 +61,16 @@ class ThinningEncoder(Coder):
     def __init__(
         self, gaussians: Gaussians, views: Views, profile: Profile, *, threads: int, stats: EncodeStats
     ) -> None:
-        """`views` are where it is looked at from; other arguments and errors as those of `FreeEncoder`."""
+        """`views` are where it is looked at from; other arguments and errors as those of `ListEncoder`."""
         self.profile, self._threads, self._stats = profile, threads, stats
-        self._whole = FreeEncoder(gaussians, profile, threads=threads, stats=stats)
+        self._whole = ListEncoder(gaussians, profile, threads=threads, stats=stats)
         self._terms = OBJECT if self._whole.is_even else PLACE
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):
             self._remover = Remover(visible(gaussians), views.deciding, Crew(threads).map, views.judging)
 
     def code(self, qp: float) -> bytes:
-        """The file at Q_g; errors as those of `FreeEncoder.code`."""
+        """The file at Q_g; errors as those of `ListEncoder.code`."""
         with self._stats.watch.stage("rank"):
             thinned, penalties = self.thinned(qp)
             tiers = tiers_of(self._remover, thinned)
@@ -80,7 +80,7 @@ class ThinningEncoder(Coder):
         def recolour(decoded: Gaussians) -> NDArray:
             return self._remover.recoloured(decoded, penalties).sh
 
-        coder = FreeEncoder(
+        coder = ListEncoder(
             kept,
             self.profile,
             threads=self._threads,

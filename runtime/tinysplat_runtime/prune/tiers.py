@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..codec.free.levels import LEAST_COUNT, LEVELS, Tiers
+from ..codec.list.levels import LEAST_COUNT, LEVELS, Tiers
 from ..gaussian.gaussians import Gaussians
 from .removal import Remover, Thinned
 

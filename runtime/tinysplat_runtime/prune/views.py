@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.free.evenness import is_uneven, sizes_about
+from ..codec.list.evenness import is_uneven, sizes_about
 from ..gaussian.gaussians import Gaussians
 from ..render import DEFINITION, Renderer
 from ..render.paths import between, looking_along, orbit

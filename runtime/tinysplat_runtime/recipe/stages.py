@@ -19,9 +19,9 @@ from ..codec.modes.registry import MODES
 from ..codec.recode import encode_like
 from ..codec.search import Coder, Once, code_to_psnr, code_to_size
 from ..container.exact import Exact
+from ..container.list import List
 from ..container.photos import Photos
 from ..container.planes import Planes
-from ..container.points import Points
 from ..container.records import Limits
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
@@ -39,7 +39,7 @@ from .words import Refinement
 if TYPE_CHECKING:
     from ..refine.stats import RefineStats
 
-FREE_VIEWS, MOST_JUDGED = 4, 16
+LIST_VIEWS, MOST_JUDGED = 4, 16
 """Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
 
 
@@ -107,9 +107,9 @@ def _coder(job: Job, coding: Coding, limits: Limits, *, keep_all: bool) -> Coder
     like = coding.example()
     if like is not None:
         return Once(job.profile, lambda: encode_like(job, like, limits))
-    body = Exact if coding.lossless else Planes if job.gaussians.is_per_pixel else Points
+    body = Exact if coding.lossless else Planes if job.gaussians.is_per_pixel else List
     job.stats.mode = body.mode
-    return _thinning(job) if body is Points and not keep_all else MODES[body.mode].coder_of(job)
+    return _thinning(job) if body is List and not keep_all else MODES[body.mode].coder_of(job)
 
 
 def code_photos(
@@ -142,7 +142,7 @@ def _thinning(job: Job) -> Coder:
     from ..codec.modes.list import encoder
 
     try:
-        from ..codec.free.encoder import visible
+        from ..codec.list.encoder import visible
         from ..prune.thinning import ThinningEncoder
         from ..prune.views import views_of
     except ImportError as error:
@@ -159,11 +159,11 @@ def _thinning(job: Job) -> Coder:
 def _views_of_list(gaussians: Gaussians) -> list[Camera]:
     """Views of Gaussians of no pixels: beside those of their photos, or from all sides."""
     if not gaussians.viewpoints:
-        return ring(gaussians, FREE_VIEWS)
-    from ..codec.free.encoder import visible
+        return ring(gaussians, LIST_VIEWS)
+    from ..codec.list.encoder import visible
     from ..prune.views import views_of
 
-    return views_of(visible(gaussians))[0].judging[:FREE_VIEWS]
+    return views_of(visible(gaussians))[0].judging[:LIST_VIEWS]
 
 
 def _fidelity(job: Job, limits: Limits) -> Callable[[bytes], float]:

@@ -15,8 +15,8 @@ from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
-from tinysplat_runtime.codec.free.encoder import FreeEncoder, visible
 from tinysplat_runtime.codec.job import EncodeStats
+from tinysplat_runtime.codec.list.encoder import ListEncoder, visible
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
@@ -75,7 +75,7 @@ def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
     views, _ = views_of(visible(gaussians))
     thinning = ThinningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
     for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
-        whole = FreeEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
+        whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
         for way, encoder in ((OURS, thinning), (WHOLE, whole)):
             data = encoder.code(qp)
             yield _point(way, qp, pictures, data, run.runtime.decompress(data))

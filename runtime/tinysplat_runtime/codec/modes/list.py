@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ...container.points import Points
+from ...container.list import List
 from ...gaussian.gaussians import Gaussians
-from ..free.decoder import decode_free
 from ..job import Job
 from ..layers import OpenFile
+from ..list.decoder import decode_list
 from .mode import Mode
 
 if TYPE_CHECKING:  # who decodes loads no encoder
-    from ..free.encoder import FreeEncoder
+    from ..list.encoder import ListEncoder
 
 
 def encode(job: Job) -> bytes:
@@ -21,18 +21,18 @@ def encode(job: Job) -> bytes:
     return encoder(job).code(job.qp)
 
 
-def encoder(job: Job) -> FreeEncoder:
+def encoder(job: Job) -> ListEncoder:
     """What codes the job's Gaussians at any Q_g."""
-    from ..free.encoder import FreeEncoder
+    from ..list.encoder import ListEncoder
 
-    return FreeEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
+    return ListEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
 
 
-def decode(file: OpenFile, body: Points) -> Gaussians:
+def decode(file: OpenFile, body: List) -> Gaussians:
     """The file's Gaussians, as one list; FormatError where what sorts them is not at hand."""
     with file.watch.stage("libavcodec"):
-        found = decode_free(file, body.scene)
+        found = decode_list(file, body.scene)
     return replace(found, viewpoints=body.viewpoints)
 
 
-LIST = Mode(Points.mode, encode, decode, encoder)
+LIST = Mode(List.mode, encode, decode, encoder)

@@ -1,4 +1,4 @@
-"""Mode free by hand: octrees byte by byte, and lists as pictures."""
+"""Mode list by hand: octrees byte by byte, and lists as pictures."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tinysplat_runtime.codec.free.octree import encode_points
-from tinysplat_runtime.codec.free.planes import plane_shape, to_plane
+from tinysplat_runtime.codec.list.octree import encode_points
+from tinysplat_runtime.codec.list.planes import plane_shape, to_plane
 from tinysplat_runtime.gaussian.curve import morton_keys
 
 FILTERS: list[dict[str, Any]] = [{"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 0, "pb": 0, "dict_size": 1 << 16}]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import FreeChannel, WeightClasses
+from ...container.list import ListChannel, WeightClasses
 from .planes import from_plane
 
 
@@ -30,7 +30,7 @@ class Order:
     gains: NDArray
 
 
-def channel_values(channel: FreeChannel, codes: NDArray | None, order: Order) -> NDArray:
+def channel_values(channel: ListChannel, codes: NDArray | None, order: Order) -> NDArray:
     """(N,) float64 by the curve, of a picture of codes or of a constant.
 
     The order of other channels hangs on these very numbers, so FORMAT.md fixes every rounding.

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import MAX_EXPONENT
+from ...container.list import MAX_EXPONENT
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats, quats_to_matrices
 

@@ -1,4 +1,4 @@
-"""Mode free: a list comes back as it was, up to the steps it was coded with."""
+"""Mode list: a list comes back as it was, up to the steps it was coded with."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import make_free_gaussians, refusing
+from scenes import make_list, refusing
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.free.attributes import Columns, expanded, from_columns, to_columns
-from tinysplat_runtime.codec.free.encoder import LEAST_OPACITY
-from tinysplat_runtime.codec.free.octree import decode_points, encode_points
+from tinysplat_runtime.codec.list.attributes import Columns, expanded, from_columns, to_columns
+from tinysplat_runtime.codec.list.encoder import LEAST_OPACITY
+from tinysplat_runtime.codec.list.octree import decode_points, encode_points
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.curve import cells_of, morton_keys
@@ -23,7 +23,7 @@ from tinysplat_runtime.render.paths import ring
 
 
 def cloud(count: int = 700, degree: int = 1, seed: int = 1) -> Gaussians:
-    return make_free_gaussians(count, degree, np.random.default_rng(seed))
+    return make_list(count, degree, np.random.default_rng(seed))
 
 
 def coded(gaussians: Gaussians, qp: float = 0.0, profile: str = "balanced", threads: int = 1) -> bytes:

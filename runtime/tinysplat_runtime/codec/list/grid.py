@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import MAX_LEVELS, PointGrid
+from ...container.list import MAX_LEVELS, PointGrid
 
 SPACING = 0.5
 """Cell at Q_g = 0 times √N, in units of the scene's radius: the more Gaussians, the less each may be off."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.free import DETERMINING, FreeChannel, FreeScene, FreeTier, order_of, position_streams
+from ...container.list import DETERMINING, ListChannel, ListScene, Tier, order_of, position_streams
 from ...errors import FormatError
 from ...gaussian.curve import cells_of
 from ...gaussian.gaussians import Gaussians
@@ -32,7 +32,7 @@ class _Tier:
 
     file: OpenFile
     number: int
-    own: FreeTier
+    own: Tier
 
     @property
     def is_present(self) -> bool:
@@ -41,7 +41,7 @@ class _Tier:
             return False
         return self.number == 0 or not self.own.lacks(PlaneClass.OPACITY, PlaneClass.SCALE, PlaneClass.COLOR)
 
-    def values(self, channel: FreeChannel, order: Order) -> NDArray:
+    def values(self, channel: ListChannel, order: Order) -> NDArray:
         """A channel's numbers, (count,) float64 by the curve."""
         record = channel.record
         if record.lacks(0):
@@ -54,7 +54,7 @@ class _Tier:
         return channel_values(channel, picture.decoded(*plane_shape(len(order.rows))), order)
 
 
-def decode_free(file: OpenFile, scene: FreeScene) -> Gaussians:
+def decode_list(file: OpenFile, scene: ListScene) -> Gaussians:
     """The Gaussians of a file, of whose body the scene is, tier by tier.
 
     What stands in for pictures that are missing, and which tiers are left out, says FORMAT.md.
@@ -74,7 +74,7 @@ def decode_free(file: OpenFile, scene: FreeScene) -> Gaussians:
     return Gaussians.unchecked(**fields, origin=file.container.origin)
 
 
-def _decode_tier(scene: FreeScene, tier: _Tier, growth: float, crew: Crew) -> dict[str, NDArray]:
+def _decode_tier(scene: ListScene, tier: _Tier, growth: float, crew: Crew) -> dict[str, NDArray]:
     """The arrays of one tier's Gaussians."""
     own, grid = tier.own, tier.own.grid
     assert own.positions

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...container.cameras import rounded_cameras
-from ...container.free import (
+from ...container.list import (
     DETERMINING,
     MAX_EXPONENT,
     MAX_PER_BYTE,
-    FreeChannel,
-    FreeScene,
-    FreeTier,
+    ListChannel,
+    ListScene,
     PointGrid,
+    Tier,
     WeightClasses,
     list_rows,
     list_sections,
@@ -124,7 +124,7 @@ _ROWS = 1 << 16
 class _Coded:
     """A channel in the file, its picture unless it is a number, and (N,) float64 what a decoder makes of it."""
 
-    channel: FreeChannel
+    channel: ListChannel
     picture: CodedPlane | None
     values: NDArray
 
@@ -149,7 +149,7 @@ class _Tier:
     orders: list[Order] = field(default_factory=list)
 
 
-class FreeEncoder(Coder):
+class ListEncoder(Coder):
     """Codes one set of Gaussians at any Q_g."""
 
     def __init__(
@@ -246,7 +246,7 @@ class FreeEncoder(Coder):
             placed.append(_Tier(level, replace(grid, **vars(points)), cells[order], to_columns(tier.taken(order))))
         return placed
 
-    def _coded(self, tiers: Sequence[_Tier], factor: float, settings: EncoderSettings | None) -> FreeScene:
+    def _coded(self, tiers: Sequence[_Tier], factor: float, settings: EncoderSettings | None) -> ListScene:
         """The scene, and in each tier its channels in the order of records; without settings rounded alone."""
         code = _ChannelCoder(factor, settings, Crew(self._threads), self.is_even, self._turn)
         sizes = np.concatenate([tier.columns.sizes for tier in tiers])
@@ -266,13 +266,13 @@ class FreeEncoder(Coder):
             tier.coded.extend(code.all(jobs, tier))
             tier.coded.sort(key=lambda c: c.channel.record.key)
             growth = self._tiers.growths[number - 1] if number else 0.0
-            coded.append(FreeTier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth=growth))
+            coded.append(Tier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth=growth))
         degree = math.isqrt(len(mean) // 3) - 1
-        return FreeScene(degree, middle, thresholds, weights, mean, basis, tuple(coded))
+        return ListScene(degree, middle, thresholds, weights, mean, basis, tuple(coded))
 
 
 def visible(gaussians: Gaussians) -> Gaussians:
-    """As one list, without those that no renderer shows; errors as those of `FreeEncoder`."""
+    """As one list, without those that no renderer shows; errors as those of `ListEncoder`."""
     flat = gaussians.flat()
     for name in ("means", "scales", "sh"):
         largest = float(np.abs(getattr(flat, name)).max())
@@ -298,7 +298,7 @@ def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
 
 
 def _decoded(tiers: Sequence[_Tier], middle: float, mean: NDArray, basis: NDArray) -> dict[str, NDArray]:
-    """Arrays of what a decoder will see of tiers; `middle`, `mean` and `basis` are those of `FreeScene`."""
+    """Arrays of what a decoder will see of tiers; `middle`, `mean` and `basis` are those of `ListScene`."""
     parts = []
     for tier in tiers:
         values = {c.channel.record.key: c.values for c in tier.coded}
@@ -337,14 +337,14 @@ class _ChannelCoder:
         if high > low and not is_flat:  # a range far from zero can vanish in rounding
             if self.settings is None:
                 rounded = mean + step * whole_steps((numbers - mean) / step)
-                channel = FreeChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
+                channel = ListChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
                 return _Coded(channel, None, rounded * order.gains + centre)
             code_map = choose_code_map(low, high, mean, step)
             codes, _ = code_map.quantise(to_plane(numbers[order.rows]))
             picture = encode_plane(codes, code_map.qp, self.settings)
             codes = picture.decoded(*codes.shape)
         record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)
-        channel = FreeChannel(record, centre)
+        channel = ListChannel(record, centre)
         return _Coded(channel, picture, channel_values(channel, codes, order))
 
     def _step(self, plane_class: PlaneClass, target: int) -> float:

@@ -1,4 +1,4 @@
-"""What mode list stores: Gaussians that belong to no pixels. Layout: docs/FORMAT.md, `LIST` and `TIER`.
+"""Body `List`, of mode list: Gaussians that belong to no pixels. Layout: docs/FORMAT.md, `LIST` and `TIER`.
 
 Reading checks every number and length against limits before anything is decoded, and shows by the numbers' ranges that
 nothing can come to more than float32 holds.
@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from ..errors import FormatError
 from ..gaussian.planes import MAX_CODE, MAX_DECODED, PlaneClass
 from ..gaussian.sh import MAX_SH_DEGREE
-from .body import Opened, check_totals
-from .layout import PARAMETER_SETS
+from ..scene.cameras import Camera
+from . import layout as L
+from .body import Body, Description, Opened, check_totals
 from .records import ChannelRecord, CodedChannel, Picture
-from .sections import Cursor, NewSection
+from .sections import Cursor, NewSection, require
 from .table import CodedRow
 
 LIST = b"LIST"
@@ -72,7 +74,7 @@ class PointGrid:
         cell: side of a cell of the contracted space, whose unit is the radius.
         low: (3,) contracted coordinates of cell 0's middle.
         levels: cells of each level of the octree from its root.
-        leaves, escapes: see `codec.free.octree`.
+        leaves, escapes: see `codec.list.octree`.
         streams: the octree's bytes, where they are to be written.
     """
 
@@ -100,7 +102,7 @@ class WeightClasses:
 
 
 @dataclass(frozen=True)
-class FreeChannel:
+class ListChannel:
     """A channel: `record` as in layers with one picture, and what is added behind the gain."""
 
     record: ChannelRecord
@@ -108,7 +110,7 @@ class FreeChannel:
 
 
 @dataclass(frozen=True)
-class FreeTier:
+class Tier:
     """Some of the Gaussians of a list.
 
     Attributes:
@@ -122,12 +124,12 @@ class FreeTier:
 
     count: int
     grid: PointGrid
-    channels: tuple[FreeChannel, ...]
+    channels: tuple[ListChannel, ...]
     positions: ChannelRecord | None = None
     parameter_set: int = 0
     growth: float = 0.0
 
-    def channel(self, plane_class: PlaneClass, target: int) -> FreeChannel:
+    def channel(self, plane_class: PlaneClass, target: int) -> ListChannel:
         """One of the channels, each of which there is."""
         return next(c for c in self.channels if c.record.key == (plane_class, target))
 
@@ -138,7 +140,7 @@ class FreeTier:
 
 
 @dataclass(frozen=True)
-class FreeScene:
+class ListScene:
     """The metadata of a list.
 
     Attributes:
@@ -156,12 +158,57 @@ class FreeScene:
     orders: tuple[WeightClasses, ...]
     mean: NDArray
     basis: NDArray
-    tiers: tuple[FreeTier, ...]
+    tiers: tuple[Tier, ...]
 
     @property
     def count(self) -> int:
         """Gaussians of all tiers."""
         return sum(tier.count for tier in self.tiers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class List(Body):
+    """One scene without cameras of pixels, in tiers.
+
+    Attributes:
+        scene: metadata.
+        viewpoints: cameras of the photos that the Gaussians were made from, as far as they are known.
+    """
+
+    mode: ClassVar[str] = "list"
+    sign: ClassVar[bytes] = LIST
+    kinds: ClassVar[frozenset[bytes]] = frozenset({LIST, TIER, L.CAMERAS, L.PARAMETER_SETS})
+
+    scene: ListScene
+    viewpoints: tuple[Camera, ...] = ()
+
+    @classmethod
+    def read(cls, file: Opened) -> List:
+        """Parse and check the sections LIST, TIER and CAMS."""
+        most = file.limits.max_layers
+        require(1 <= file.layer_count <= most, file.scene, f"{file.layer_count} tiers, accepted are 1 to {most}")
+        require(file.views <= L.MAX_VIEWS, file.scene, f"{file.views} cameras, accepted are 0 to {L.MAX_VIEWS}")
+        require(file.table.count == 1, file.scene, f"rows of a list with {file.table.count} pictures")
+        file.check_rows(CLASSES)
+        return cls(scene=read_list(file), viewpoints=file.cameras_of(range(file.views)))
+
+    def describe(self) -> Description:
+        """Gaussians, tiers, and cameras of photos."""
+        scene = self.scene
+        tiers = tuple(tier.count for tier in scene.tiers)
+        found = scene.count, scene.degree, scene.basis.shape[1]
+        return Description(*found, tiers=tiers, viewpoints=self.viewpoints)
+
+    @staticmethod
+    def step(layer: int, record: ChannelRecord, number: int) -> Hashable:
+        """Shapes, colours and rotations; a tier behind the first shows with its colours at once."""
+        if record.plane_class == PlaneClass.ROTATION:
+            return 2
+        return int(layer == 0 and record.plane_class == PlaneClass.COLOR)
+
+    def picture_name(self, layer: int, channel: ChannelRecord, view: int) -> str:
+        """There is one of each in a tier: `color2`, `tier 1 color2`."""
+        return f"tier {layer} " * (layer > 0) + channel.name
 
 
 def order_of(plane_class: PlaneClass, target: int) -> int:
@@ -173,7 +220,7 @@ def order_of(plane_class: PlaneClass, target: int) -> int:
     return 1 if (plane_class, target) == (PlaneClass.SCALE, 0) else 2
 
 
-def list_sections(scene: FreeScene, parameter_sets: Sequence[bytes]) -> list[NewSection]:
+def list_sections(scene: ListScene, parameter_sets: Sequence[bytes]) -> list[NewSection]:
     """The metadata of a scene, and by tier its parameter sets, empty where it has no pictures."""
     grid, k = scene.tiers[0].grid, scene.basis.shape[1]
     parts = [LIST_FIXED.pack(scene.degree, 0, k, *grid.centre, grid.radius, *grid.low, scene.size_middle)]
@@ -187,10 +234,10 @@ def list_sections(scene: FreeScene, parameter_sets: Sequence[bytes]) -> list[New
         fixed = tier.count, len(grid.levels), number, 0, grid.leaves, grid.escapes, grid.cell, tier.growth
         numbers = np.array(grid.levels, "<u4").tobytes() + np.array([c.centre for c in tier.channels], "<f4").tobytes()
         sections.append(NewSection(TIER, number, TIER_FIXED.pack(*fixed) + numbers))
-    return sections + [NewSection(PARAMETER_SETS, n, sets) for n, sets in enumerate(parameter_sets) if sets]
+    return sections + [NewSection(L.PARAMETER_SETS, n, sets) for n, sets in enumerate(parameter_sets) if sets]
 
 
-def list_rows(scene: FreeScene, payloads: Sequence[Mapping[tuple[PlaneClass, int], bytes]]) -> Iterator[CodedRow]:
+def list_rows(scene: ListScene, payloads: Sequence[Mapping[tuple[PlaneClass, int], bytes]]) -> Iterator[CodedRow]:
     """The rows of a scene's tiers; `payloads` are by tier the pictures of the channels that are no numbers."""
     for number, (tier, pictures) in enumerate(zip(scene.tiers, payloads, strict=True)):
         streams = tier.grid.streams
@@ -214,7 +261,7 @@ def position_streams(picture: Picture) -> list[memoryview]:
     return [data[start:end] for start, end in pairwise(ends)]
 
 
-def read_list(file: Opened) -> FreeScene:
+def read_list(file: Opened) -> ListScene:
     """Parse and check the sections LIST and TIER.
 
     Raises:
@@ -235,7 +282,7 @@ def read_list(file: Opened) -> FreeScene:
     space = PointGrid(np.array(centre), radius, 0.0, np.array([low_x, low_y, low_z]), (), 0, 0, ())
     cursors = [Cursor(file.only(TIER, number)) for number in range(file.layer_count)]
     tiers = tuple(_read_tier(file, number, tier, space, k) for number, tier in enumerate(cursors))
-    scene = FreeScene(degree, middle, thresholds, orders, mean, basis, tiers)
+    scene = ListScene(degree, middle, thresholds, orders, mean, basis, tiers)
     paid = MAX_PER_BYTE * sum(len(section.data) for section in file.sections)
     cursor.require(scene.count <= paid, f"{scene.count} Gaussians, the file's bytes stand for {paid} at most")
     check_totals(scene.count, decoding_bytes(scene.count, degree, k), file.limits, cursor.section.label)
@@ -244,7 +291,7 @@ def read_list(file: Opened) -> FreeScene:
     return scene
 
 
-def _read_tier(file: Opened, number: int, cursor: Cursor, space: PointGrid, k: int) -> FreeTier:
+def _read_tier(file: Opened, number: int, cursor: Cursor, space: PointGrid, k: int) -> Tier:
     count, n_levels, parameter_set, _, leaves, escapes, cell, growth = cursor.unpack(TIER_FIXED)
     cursor.require(count > 0, "0 Gaussians, accepted are 1 and more")
     cursor.require(0 <= growth <= MAX_GROWTH, f"growth {growth:g}, accepted are 0 to {MAX_GROWTH:g}")
@@ -267,9 +314,9 @@ def _read_tier(file: Opened, number: int, cursor: Cursor, space: PointGrid, k: i
         names = f"{len(records)} channels of tier {number}, expected {len(expected)} and positions, each once"
         raise FormatError(names, where="section PICT[0]")
     by_key = {record.key: record for record in records}
-    channels = tuple(FreeChannel(by_key[key], float(centre)) for key, centre in zip(expected, centres, strict=True))
+    channels = tuple(ListChannel(by_key[key], float(centre)) for key, centre in zip(expected, centres, strict=True))
     file.require_parameter_set(parameter_set, records[:-1], cursor.section.label)
-    return FreeTier(count, grid, channels, by_key[PlaneClass.POSITION, 0], parameter_set, growth)
+    return Tier(count, grid, channels, by_key[PlaneClass.POSITION, 0], parameter_set, growth)
 
 
 def decoding_bytes(count: int, degree: int, k: int) -> int:
@@ -293,7 +340,7 @@ def _read_order(cursor: Cursor) -> WeightClasses:
     return WeightClasses(first, tuple(gains.tolist()))
 
 
-def range_fault(scene: FreeScene) -> tuple[str, str] | None:
+def range_fault(scene: ListScene) -> tuple[str, str] | None:
     """Which attribute could decode, by some codes, to what float32 does not hold, and to what; None if none could."""
     for tier in scene.tiers:
         if found := _grid_fault(tier.grid, len(tier.grid.levels)):
@@ -305,7 +352,7 @@ def range_fault(scene: FreeScene) -> tuple[str, str] | None:
     return next((fault for tier in scene.tiers if (fault := _channel_fault(scene, tier))), None)
 
 
-def _channel_fault(scene: FreeScene, tier: FreeTier) -> tuple[str, str] | None:
+def _channel_fault(scene: ListScene, tier: Tier) -> tuple[str, str] | None:
     reach = {c.record.key: _reach(scene, c) for c in tier.channels}
     colours = np.array([reach[PlaneClass.COLOR, target] for target in range(scene.basis.shape[1])])
     sh = np.abs(scene.mean.astype(np.float64)) + np.abs(scene.basis.astype(np.float64)) @ colours
@@ -332,7 +379,7 @@ def _grid_fault(grid: PointGrid, levels: int) -> str:
     return "" if reach <= MAX_EXPONENT and largest <= MAX_DECODED else "positions can decode to more than 1e30"
 
 
-def _reach(scene: FreeScene, channel: FreeChannel) -> float:
+def _reach(scene: ListScene, channel: ListChannel) -> float:
     """Largest magnitude that a channel can decode to."""
     record = channel.record
     order = order_of(*record.key)
