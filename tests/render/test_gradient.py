@@ -7,6 +7,8 @@ hundreds of pixels long, whose edge a rounded axis turns by a share of its own w
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +20,7 @@ from scenes import make_cameras, make_gaussians, photographed
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
+from tinysplat_runtime.render.kernels_gradient import BLOCK, LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from tinysplat_runtime.render.near import Shares
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
@@ -77,11 +79,12 @@ def found_gradient(
     order: str = "depth",
     dilation: str = "own",
     near: Shares | None = None,
+    structure: float = 0.0,
 ):
     field = MovableGaussians(gaussians, Crew(threads).map, dilation)
     gradients = {grid: grid.zeros() for grid in field.grids}
     near = field.shares(camera) if order == "near" else near
-    error = field.measure(Target(camera, photo, 1.1, -0.02), shares=near, gradients=gradients)
+    error = field.measure(Target(camera, photo, 1.1, -0.02), shares=near, gradients=gradients, structure=structure)
     found = [gradients[grid][:, : grid.height * grid.width] for grid in field.grids]
     return error, compact(field, field.values).astype(np.float64), np.concatenate(found, axis=1)
 
@@ -132,22 +135,40 @@ def test_gradients_add_up_over_tiles_and_batches() -> None:
 
 
 def assert_all_together(gaussians: Gaussians, camera: Camera, drawing: dict[str, str]) -> None:
-    """All Gaussians at once, each up or down at random."""
+    """All Gaussians at once, each up or down at random; the loss is half |error| and half 1 − SSIM."""
     rng = np.random.default_rng(0)
     photo = rng.uniform(size=(camera.height, camera.width, 3)).astype(np.float32)
     share = shares(gaussians, camera)
 
-    def error(values: np.ndarray) -> float:
+    def parts(values: np.ndarray) -> tuple[float, float]:
         found = render_reference(moved(gaussians, values), camera, share=share, **drawing)
-        return np.abs(1.1 * found["rgb"] - 0.02 - photo).sum()
+        seen = 1.1 * found["rgb"] - 0.02
+        return np.abs(seen - photo).sum(), likeness(seen, photo.astype(np.float64))
 
-    measured, values, found = found_gradient(gaussians, camera, photo, **drawing)
-    assert measured.absolute == pytest.approx(error(values), rel=1e-4)
+    def error(values: np.ndarray) -> float:
+        absolute, alike = parts(values)
+        return 0.5 * absolute + 0.5 * (photo.size - alike)
+
+    measured, values, found = found_gradient(gaussians, camera, photo, structure=0.5, **drawing)
+    absolute, alike = parts(values)
+    assert measured.absolute == pytest.approx(absolute, rel=1e-4)
+    assert measured.alike == pytest.approx(alike, rel=1e-3) and measured.compared == photo.size
     for kind in range(VALUES):
         step = np.zeros_like(values)
         step[kind] = rng.choice([-1e-8, 1e-8], values.shape[1])
         wanted = error(values + step) - error(values - step)
         assert 2 * (found * step).sum() == pytest.approx(wanted, abs=4e-3 * np.abs(found * step).sum() + 2e-12), kind
+
+
+def likeness(seen: np.ndarray, photo: np.ndarray) -> float:
+    """SSIM (Wang et al. 2004) of every colour of every block of pixels, times its pixels."""
+    total, constants = 0.0, (0.01**2, 0.03**2)
+    for top, left in itertools.product(*(range(0, side, BLOCK) for side in photo.shape[:2])):
+        for x, y in zip(*(one[top:, left:][:BLOCK, :BLOCK].reshape(-1, 3).T for one in (seen, photo)), strict=True):
+            (xx, xy), (_, yy) = np.cov(x, y, bias=True)
+            products = (2 * x.mean() * y.mean(), x.mean() ** 2 + y.mean() ** 2), (2 * xy, xx + yy)
+            total += len(x) * math.prod((a + c) / (b + c) for (a, b), c in zip(products, constants, strict=True))
+    return total
 
 
 def side_camera() -> Camera:

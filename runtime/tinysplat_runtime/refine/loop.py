@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,13 @@ JUDGED_PIXELS = 256 * 256
 
 COVERED = 0.4
 """A pixel is covered where no more than this transmittance is left."""
+
+
+class Look(NamedTuple):
+    """How photos that judge are shown: dB, and SSIM over blocks of pixels."""
+
+    psnr: float
+    ssim: float
 
 
 class Loop:
@@ -130,8 +138,10 @@ class Loop:
         """What a photo lacks; what would mend it is added to gradients, as a part of all photos that see a Gaussian."""
         target = self._exposed(view, self._sizes[now.size][view])
         weight = self._drawn * part * self._sizes[0][view].photo.size / target.photo.size
-        hidden = self.settings.hidden
-        return self.field.measure(target, shares=shares, gradients=gradients, weight=weight, hidden=hidden)
+        hidden, structure = self.settings.hidden, self.settings.structure
+        return self.field.measure(
+            target, shares=shares, gradients=gradients, weight=weight, hidden=hidden, structure=structure
+        )
 
     def put(self, values: NDArray) -> None:
         """Give the Gaussians these values, (6, rows) float32."""
@@ -143,17 +153,19 @@ class Loop:
         errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
         return float(np.mean([error.psnr for error in errors]))
 
-    def check(self) -> float:
-        """dB of the photos that judge. Of those held back, as all Gaussians show them, of their mean squared error; of
-        others the mean, each as the others' Gaussians show it where those showed something first, but for photos of
-        which they showed nothing.
+    def check(self) -> Look:
+        """How the photos that judge are shown. Those held back by all Gaussians, with dB of their mean squared error;
+        others by the Gaussians of the others, where those showed something first, with the mean of their dB.
         """
         if self.held:
             targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
             errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
-            return decibels(float(np.mean([error.squared / (3 * error.known) for error in errors])))
-        found = [error.psnr for error in map(self._checked, self.judged) if error.known]
-        return float(np.mean(found)) if found else 0.0
+            psnr = decibels(float(np.mean([error.squared / (3 * error.known) for error in errors])))
+        else:
+            errors = [error for error in map(self._checked, self.judged) if error.known]
+            psnr = float(np.mean([error.psnr for error in errors])) if errors else 0.0
+        alike, compared = (sum(getattr(error, name) for error in errors) for name in ("alike", "compared"))
+        return Look(psnr, alike / max(compared, 1))
 
     def _checked(self, view: int) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""

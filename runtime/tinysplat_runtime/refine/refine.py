@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from ..system import scratch
 from ..system.decibels import decibels
 from ..system.told import NOBODY, Told
 from .coarse import bring_up, halved, halved_picture, lacking_alike
-from .loop import Loop
+from .loop import Look, Loop
 from .photos import matched, sizes_of
 from .price import plane_prices
 from .schedule import steps_below
@@ -42,12 +43,13 @@ SAME_PICTURE = 0.25
 class Refining:
     """Gaussians that are corrected until they show the photos that they were made of.
 
-    Every step draws all photos, one after the other, takes the gradient of what each lacks (L1, after a gain and an
-    offset a photo) and moves the Gaussians of every layer that it sees along their pixels' rays, in size, opacity and
-    colour. Now and then every photo is drawn from the Gaussians of the others: the result is the step at which that was
-    best, and the very Gaussians that were given if none was better than the start. Of three photos or more, the first
-    steps are taken on smaller copies (`coarse.py`). Of a capture, which has more than six photos, a few are held back
-    and correct nothing before the end: the result is the last step, and what was given if these contradict it.
+    Every step draws all photos, one after the other, takes the gradient of what each lacks (L1, and SSIM from three
+    photos on, after a gain and an offset a photo) and moves the Gaussians of every layer that it sees along their
+    pixels' rays, in size, opacity and colour. Now and then every photo is drawn from the Gaussians of the others: the
+    result is the step at which that was best, and the very Gaussians that were given if none was better than the start.
+    Of three photos or more, the first steps are taken on smaller copies (`coarse.py`). Of a capture, which has more
+    than six photos, a few are held back and correct nothing before the end: the result is the last step, and what was
+    given if these contradict it.
 
     Attributes:
         stats: what was done so far.
@@ -84,7 +86,7 @@ class Refining:
         self._limit = _limit(steps, seconds, len(gaussians.cameras))
         self._deadline = math.inf if seconds is None else time.perf_counter() + seconds
         self.stats = stats if stats is not None else RefineStats()
-        self._start, self._worse, self._least = gaussians, 0, -math.inf
+        self._start, self._worse, self._least = gaussians, 0, Look(-math.inf, -math.inf)
         self._told = profile, qp, run_jobs
         is_small = steps_below(gaussians.opacities[0].size, 1, MAX_STEPS) == 0
         self._settings = settings_for(len(gaussians.cameras), below=is_small)
@@ -108,7 +110,10 @@ class Refining:
         self._seconds["judging"] = each * len(self._loop.judged)
         self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
-        if self._loop.held:
+        if not self._loop.held and all(map(operator.lt, self.stats.looks[0][1:], self._settings.least_shown)):
+            self.stats.reason = "photos contradict each other: Gaussians of the others hardly show them"
+            self._loop = None
+        elif self._loop.held:
             self.stats.held = len(self._loop.held)
             self.stats.before = self.stats.looks[0][1]
 
@@ -173,7 +178,7 @@ class Refining:
                 stats.reason = f"photos contradict each other: {stats.held} held back lose by it"
             return start
         if loop.held:
-            stats.after = dict(stats.looks)[stats.kept]
+            stats.after = next(dB for step, dB, _ in stats.looks if step == stats.kept)
             for _ in range(self._settings.given_back):
                 loop.step(loop.held)
         else:
@@ -193,17 +198,18 @@ class Refining:
         them a little worse, and far worse where photos contradict each other.
         """
         assert self._loop is not None
-        check, settings = self._timed("look", self._loop.check), self._settings
-        self.stats.looks.append((self.stats.steps, check))
-        if check < self._least:
+        look, settings = self._timed("look", self._loop.check), self._settings
+        self.stats.looks.append((self.stats.steps, *look))
+        if look.psnr < self._least.psnr or look.ssim < self._least.ssim:
             self._worse += 1
             if self._loop.held:
                 self.stats.kept = 0
             return
         if not self._loop.held:
-            self._least, self._best = check + settings.least_gain, self._loop.field.values.copy()
+            self._least, self._best = Look(look.psnr + settings.least_gain, look.ssim), self._loop.field.values.copy()
         elif self.stats.steps == 0:
-            self._least = decibels(10 ** (-check / 10) + settings.slack)
+            least = decibels(10 ** (-look.psnr / 10) + settings.slack)
+            self._least = Look(least, look.ssim - settings.slack_alike)
         self.stats.kept, self._worse = self.stats.steps, 0
 
     def _go_down(self) -> _Smaller:

@@ -25,12 +25,16 @@ class Settings:
             one after the other, Gaussians would go on moving between what each of them asks for.
         exposure: step size of a photo's gain and offset.
         together: photos that are drawn before Gaussians are corrected by the sum of what they lack.
+        structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         hidden: transmittance before a Gaussian, at its middle, below which a photo does not correct it.
         look_every: steps from one look at the check to the next.
         least_gain: dB by which a look has to be better than the best one, so that steps that gain next to nothing,
             and cost bytes, are not taken.
         slack: by how much the mean squared error of photos that are held back, of values from 0 to 1, may grow by the
             others' corrections.
+        slack_alike: likewise, by how much their SSIM may fall.
+        least_shown: dB and SSIM of which Gaussians of the other photos have to reach one at the start: photos that they
+            show worse are fitted without that new views gain. Of photos that are held back, it is not asked.
         patience: looks that may be no better before the loop ends.
         most_steps: after which it ends in any case.
         usual_steps: taken where neither steps nor seconds are asked for.
@@ -56,10 +60,13 @@ class Settings:
     half_after: float = 8.0
     exposure: float = 2e-3
     together: int = 1
+    structure: float = 0.3
     hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
     slack: float = 0.0018
+    slack_alike: float = 0.08
+    least_shown: tuple[float, float] = (18.0, 0.6)
     patience: int = 3
     most_steps: int = 10_000
     usual_steps: int = 12
@@ -82,13 +89,13 @@ colours from −0.6 to 2.8. Values that begin outside stay where they are or mov
 
 
 FOR_TWO = Settings(
-    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, hidden=0.0, half_after=math.inf, look_every=2,
-    least_gain=0.015, patience=1, most_steps=4, steps_below=0,
+    log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, structure=0.0, hidden=0.0, half_after=math.inf,
+    look_every=2, least_shown=(0.0, 0.0), least_gain=0.015, patience=1, most_steps=4, steps_below=0,
 )  # fmt: skip
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
 OF_CAPTURE = Settings(
-    log_depth=6e-4, log_size=0.04, logit=0.08, sh=8.4e-3, price=0.01, patience=2, usual_steps=8,
+    log_depth=6e-4, log_size=0.04, logit=0.08, sh=8.4e-3, structure=0.2, patience=2, usual_steps=8,
     steps_below=5, held_back=8, given_back=2, leaves_own_out=True, closer=False,
 )  # fmt: skip
 """Most is mended on smaller copies, smoothly, which costs few bytes; pixels of their own then go no far way."""

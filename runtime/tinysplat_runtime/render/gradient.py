@@ -68,6 +68,8 @@ class PhotoError:
         by_gain: d `absolute` / d gain.
         by_offset: d `absolute` / d offset.
         known: how many pixels there are that the photo knows.
+        alike: Σ SSIM over colours and blocks of pixels (`kernels_gradient.BLOCK`) times their pixels.
+        compared: how many colours of pixels that were.
     """
 
     absolute: float
@@ -75,11 +77,18 @@ class PhotoError:
     by_gain: float
     by_offset: float
     known: float
+    alike: float
+    compared: float
 
     @property
     def psnr(self) -> float:
         """In dB; NaN where no pixel is known."""
         return decibels(self.squared / (3 * self.known)) if self.known else math.nan
+
+    @property
+    def ssim(self) -> float:
+        """The mean over blocks; NaN where none is known."""
+        return self.alike / self.compared if self.compared else math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,6 +298,7 @@ class MovableGaussians:
         shown: NDArray | None = None,
         most_left: float = 1.0,
         hidden: float = 0.0,
+        structure: float = 0.0,
     ) -> PhotoError:
         """Draw a photo's picture and hold it against the photo.
 
@@ -297,19 +307,20 @@ class MovableGaussians:
             shares: what of each view is drawn; without them, all of every view by depth.
             gradients: by grid, what gradients with respect to its part of `values` are added to, as `Grid.zeros` makes
                 it; None, or a grid without any, asks for none.
-            weight: what a unit of |error| counts in `gradients`.
+            weight: what a unit of the loss counts in `gradients`.
             shown: (H, W, 4) float32, filled with the picture and its transmittance, but for tiles of which the photo
                 knows nothing; or None.
             most_left: pixels of more transmittance than this, where `shown` is asked for, count nowhere.
             hidden: Gaussians whose middle lies behind others that leave less transmittance than this have no gradient
                 there.
+            structure: share of 1 − SSIM in the loss, beside |error|.
         """
         view = View.of(target.camera, self.origin, NEAR_PLANE)
         shares = shares or Shares.by_depth(np.ones(1 + self.grids[-1].view))
         self.shelf.take([grid for grid in self.grids if shares.whole[grid.view] > 0])
         pieces = self._placed([piece for piece in self._pieces if shares.whole[piece.grid.view] > 0])
         visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
-        exposure = Exposure(np.float32(target.gain), np.float32(target.offset), np.float32(weight))
+        exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure)))
         room = np.empty((0, 0, 0), np.float32) if shown is None else shown
         sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden), shares.has_front)
         add_up = partial(self._add_up, pieces, visible, view, gradients) if gradients else None

@@ -22,6 +22,7 @@ from .kernels_blend import (
     LANES,
     PLANES,
     ROW,
+    TILE_HEIGHT,
     TILE_WIDTH,
     Extent,
     Listed,
@@ -71,11 +72,19 @@ PULL, PULL_U, PULL_W, PULL_UU, PULL_UW, PULL_WW, BY_RED, BY_GREEN, BY_BLUE = ran
 """Which they are: pull, pull·u, pull·w, pull·u², pull·u·w, pull·w², and weight by colour's gradient (3), where u and w
 are whitened pixels and pull is the gradient with respect to the exponent."""
 
-SUMS = 5
+SUMS = 7
 """Of a tile. Pixels whose red is NaN count nowhere and have no gradient."""
 
-ABSOLUTE, SQUARED, BY_GAIN, BY_OFFSET, KNOWN = range(SUMS)
-"""Which they are: |error|, squared error of values clipped to [0, 1], sign·picture, sign, and number of pixels."""
+ABSOLUTE, SQUARED, BY_GAIN, BY_OFFSET, KNOWN, ALIKE, COMPARED = range(SUMS)
+"""Which they are: |error|, squared error of values clipped to [0, 1], sign·picture, sign, and number of pixels; SSIM of
+blocks of which all is known times their pixels and colours, and number of these."""
+
+BLOCK = 8
+"""Pixels a side of the blocks that SSIM is taken over, which tiles consist of: within one its gradient by a pixel is a
+sum of three terms that the block's means and variances give."""
+
+_BLOCKS = TILE_WIDTH // BLOCK
+_C1, _C2 = 0.01**2, 0.03**2  # of Wang et al. 2004
 
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
@@ -175,11 +184,14 @@ def log_sigmoid(x: Number) -> Number:
 
 
 class Exposure(NamedTuple):
-    """Gain and offset that a picture is seen with, and what a unit of |error| counts; float32."""
+    """Gain and offset that a picture is seen with, what a unit of the loss counts in gradients, and the share of
+    1 − SSIM in it, beside |error|; float32.
+    """
 
     gain: np.float32
     offset: np.float32
     weight: np.float32
+    structure: np.float32 = np.float32(0)
 
 
 class Sought(NamedTuple):
@@ -312,8 +324,10 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
     colour, and what lies behind the first splat; of the picture in front, too, where there is one.
     """
     row, column, photo, shown = extent.row, extent.column, sought.photo, sought.shown
-    gain, offset, weight = sought.exposure
+    gain, offset, weight, structure = sought.exposure
     has_front, front = sought.has_front, int(_FRONT)
+    terms = np.empty((3, TILE_HEIGHT // BLOCK, _BLOCKS, 3), np.float32)
+    sums[ALIKE], sums[COMPARED] = _compare_blocks(state, sought, extent, terms)
     absolute = squared = by_gain = by_offset = 0.0
     known = 0
     for line in range(extent.rows):
@@ -340,7 +354,9 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
                 squared += clipped * clipped
                 by_gain += sign * found
                 by_offset += sign
-                slope = _F(sign) * gain * weight
+                by_block = terms[channel, line // BLOCK, lane // BLOCK]
+                alike = by_block[0] + by_block[1] * seen + by_block[2] * wanted
+                slope = ((_ONE - structure) * _F(sign) - structure * alike) * gain * weight
                 if has_front:
                     behind_front += slope * found
                     found -= state[plane + front]
@@ -353,6 +369,52 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
                 state[at + front], state[at + front + 4 * _STRIDE] = _ONE, behind_front
     sums[ABSOLUTE], sums[SQUARED], sums[BY_GAIN], sums[BY_OFFSET] = absolute, squared, by_gain, by_offset
     sums[KNOWN] = known
+
+
+@compiled
+def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArray) -> tuple[float, float]:
+    """SSIM of a tile's blocks: its sum and its number, as `ALIKE` and `COMPARED`, and what its gradient consists of.
+
+    Args:
+        state, sought, extent: as `_compare` has them, the state as blended.
+        terms: (3, 4, 16, 3) float32, written by colour and block: where a pixel is seen as x and the photo has y, the
+            gradient of SSIM times the block's pixels is terms[0] + terms[1] · x + terms[2] · y.
+    """
+    photo, gain, offset = sought.photo, np.float64(sought.exposure.gain), np.float64(sought.exposure.offset)
+    total, count = 0.0, 0
+    terms[:] = _ZERO
+    for top in range(0, extent.rows, BLOCK):
+        for left in range(0, extent.columns, BLOCK):
+            bottom, right = min(top + BLOCK, extent.rows), min(left + BLOCK, extent.columns)
+            is_known = True
+            for line in range(top, bottom):
+                for lane in range(left, right):
+                    is_known &= not np.isnan(photo[extent.row + line, extent.column + lane, 0])
+                    is_known &= abs(state[line * ROW + lane]) <= sought.most_left
+            if not is_known:
+                continue
+            pixels = (bottom - top) * (right - left)
+            for channel in range(3):
+                x = y = xx = yy = xy = 0.0
+                for line in range(top, bottom):
+                    start = line * ROW + (1 + channel) * _STRIDE
+                    for lane in range(left, right):
+                        seen = gain * np.float64(state[start + lane]) + offset
+                        wanted = np.float64(photo[extent.row + line, extent.column + lane, channel])
+                        x, y = x + seen, y + wanted
+                        xx, yy, xy = xx + seen * seen, yy + wanted * wanted, xy + seen * wanted
+                x, y = x / pixels, y / pixels
+                xx, yy, xy = max(xx / pixels - x * x, 0.0), max(yy / pixels - y * y, 0.0), xy / pixels - x * y
+                means, spreads = x * x + y * y + _C1, xx + yy + _C2
+                level, likeness = (2 * x * y + _C1) / means, (2 * xy + _C2) / spreads
+                alike = level * likeness
+                by_seen, by_wanted = -2 * alike / spreads, 2 * level / spreads
+                block = terms[channel, top // BLOCK, left // BLOCK]
+                block[0] = _F(2 * (y * likeness - x * alike) / means - by_seen * x - by_wanted * y)
+                block[1], block[2] = _F(by_seen), _F(by_wanted)
+                total += alike * pixels
+                count += pixels
+    return total, np.float64(count)
 
 
 @summing
