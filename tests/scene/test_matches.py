@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.matches import corners, depths_told, fit, matched
+from tinysplat_runtime.scene.matches import corners, depths_told, inliers, matched
 
 HERE, THERE = camera_at(0.0), camera_at(0.5, 0.1, turn=-0.1)
 POINTS = np.random.default_rng(0).uniform((-1, -0.8, 3), (1.4, 0.8, 6), (50, 3))
@@ -27,24 +27,24 @@ def places(points: NDArray, one: Camera = HERE, other: Camera = THERE) -> NDArra
 def test_places_that_cameras_project_fit_and_tell_their_depths() -> None:
     for one, other in ((HERE, THERE), (THERE, HERE)):
         both = places(POINTS, one, other)
-        assert fit(both, one, other) == pytest.approx(50, rel=1e-9)
+        assert inliers(both, one, other) == pytest.approx(50, rel=1e-9)
         np.testing.assert_allclose(depths_told(both, one, other), projected(POINTS, one)[1], rtol=1e-6)
     distant = places(1e4 * POINTS)
-    assert fit(distant, HERE, THERE) == pytest.approx(50, rel=1e-6) and not depths_told(distant, HERE, THERE).size
+    assert inliers(distant, HERE, THERE) == pytest.approx(50, rel=1e-6) and not depths_told(distant, HERE, THERE).size
 
 
 def test_places_beside_their_lines_fit_as_noise_of_a_pixel_has_it() -> None:
     """Of parallel cameras these are rows."""
     other = camera_at(0.5)
     beside = [places(POINTS, HERE, other) + np.array([0, 0, 0, 0, rows, 0]) for rows in (0, 0.3, 1.0, 3.0, 9.0)]
-    fits = [fit(both, HERE, other) for both in beside]
+    fits = [inliers(both, HERE, other) for both in beside]
     assert (np.diff(fits) < 0).all() and fits[0] == pytest.approx(50) and fits[1] > 25 and fits[-1] < 1
     assert not depths_told(beside[-1], HERE, other).size
 
 
 def test_places_behind_a_camera_do_not_fit() -> None:
     for other in (THERE, camera_at(0.5, turn=np.pi)):
-        assert fit(places(POINTS * [1, 1, -1], HERE, other), HERE, other) == 0
+        assert inliers(places(POINTS * [1, 1, -1], HERE, other), HERE, other) == 0
 
 
 def test_corners_of_a_shifted_picture_are_the_same_ones_shifted() -> None:

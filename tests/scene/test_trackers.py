@@ -180,6 +180,12 @@ def test_bundlers_counts_are_held_against_its_lines(folder: Path) -> None:
     assert tells(refused(load_scene, path), "900000000")
 
 
+def test_a_count_before_the_header_is_skipped(folder: Path) -> None:
+    path = realityscan(folder)
+    path.write_text(f"#cameras 1\n{path.read_text()}")
+    assert len(load_scene(folder).frames) == 1
+
+
 def test_photos_that_are_nowhere_are_named(folder: Path) -> None:
     (folder / "images/a.png").unlink()
     assert tells(refused(load_scene, realityscan(folder)), "a.png images/")

@@ -23,10 +23,10 @@ PATCH, STEP = 8, 2
 ALIKE = 0.8
 """Correlation of two corners that may be one."""
 
-OTHERWISE = 0.8
-"""Distance of a corner to its likest over that to the next one, below which it is no other."""
+LOWES_RATIO = 0.8
+"""Distance of a corner's descriptor to the nearest over that to the next one, below which a match is no chance."""
 
-CLOSE = 0.7
+NOISE = 0.7
 """Pixels that a corner lies off where cameras are right, one standard deviation."""
 
 WELL, MOVED = 0.5, 3.0
@@ -37,10 +37,10 @@ MARGIN = PATCH * STEP // 2 + 1
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners of a photo: places (N, 2) in pixels, x first, and what they look like, (N, D) of unit length."""
+    """Corners of a photo: places (N, 2) in pixels, x first, and their patches as descriptors (N, D) of unit length."""
 
     places: NDArray
-    looks: NDArray
+    descriptors: NDArray
 
 
 def corners(image: NDArray) -> Corners:
@@ -60,32 +60,32 @@ def corners(image: NDArray) -> Corners:
     row, column = row[chosen], column[chosen]
     offset = (np.arange(PATCH) - PATCH // 2) * STEP + STEP // 2
     patches = grey[row[:, None, None] + offset[:, None], column[:, None, None] + offset]
-    looks = patches.reshape(len(row), PATCH * PATCH)
-    looks = looks - looks.mean(axis=1, keepdims=True)
-    looks /= np.linalg.norm(looks, axis=1, keepdims=True).clip(1e-6)
+    descriptors = patches.reshape(len(row), PATCH * PATCH)
+    descriptors = descriptors - descriptors.mean(axis=1, keepdims=True)
+    descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True).clip(1e-6)
     shifts = [
         _between(strength[row - dy, column - dx], strength[row, column], strength[row + dy, column + dx])
         for dx, dy in ((1, 0), (0, 1))
     ]
-    return Corners(np.stack([column + shifts[0], row + shifts[1]], axis=1) + 0.5, looks)
+    return Corners(np.stack([column + shifts[0], row + shifts[1]], axis=1) + 0.5, descriptors)
 
 
 def matched(one: Corners, other: Corners) -> NDArray:
     """(M, 6) float64 places x, y, 1 in one photo and in another of corners that look alike, and like no other."""
     if len(one.places) < 2 or len(other.places) < 2:
         return np.empty((0, 6))
-    alike = one.looks @ other.looks.T
+    alike = one.descriptors @ other.descriptors.T
     best, back = alike.argmax(axis=1), alike.argmax(axis=0)
     index = np.arange(len(best))
     most = alike[index, best]
     alike[index, best] = -1
-    clear = 1 - most < OTHERWISE**2 * (1 - alike.max(axis=1))
+    clear = 1 - most < LOWES_RATIO**2 * (1 - alike.max(axis=1))
     kept = (back[best] == index) & (most > ALIKE) & clear
     unit = np.ones((int(kept.sum()), 1))
     return np.concatenate([one.places[kept], unit, other.places[best[kept]], unit], axis=1)
 
 
-def fit(places: NDArray, camera: Camera, its: Camera) -> float:
+def inliers(places: NDArray, camera: Camera, its: Camera) -> float:
     """How many of places (M, 6) float64 in two photos, of `matched`, lie where cameras allow, each by how close."""
     return float(_fits(places, camera, its)[0].sum())
 
@@ -125,7 +125,7 @@ def _fits(places: NDArray, camera: Camera, its: Camera) -> tuple[NDArray, NDArra
     infinite = ray @ its.K.T
     with np.errstate(divide="ignore", invalid="ignore"):
         infinite = infinite[:, :2] / infinite[:, 2:]
-    return np.where(ahead, np.exp(-apart / (2 * CLOSE**2)), 0.0), depth, infinite
+    return np.where(ahead, np.exp(-apart / (2 * NOISE**2)), 0.0), depth, infinite
 
 
 def _between(before: NDArray, peak: NDArray, after: NDArray) -> NDArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...scene.matches import fit, matched
+from ...scene.matches import inliers, matched
 from .readings import readings, single
 from .seen import Seen
 
@@ -44,11 +44,11 @@ def misread(seen: Seen) -> list[str]:
     rest = sum(shares[pair] for pair in beside)
     scores: dict[str, float] = {}
     for text, read in readings(seen, cameras):
-        kept = sum(fit(places[v, u], read(v), read(u)) for v, u in beside)
+        kept = sum(inliers(places[v, u], read(v), read(u)) for v, u in beside)
         if kept < rest:  # it goes with one photo, at the others' cost
             continue
         around = [pair for pair in places if odd[0] in pair]
-        score = kept + sum(fit(places[v, u], read(v), read(u)) for v, u in around)
+        score = kept + sum(inliers(places[v, u], read(v), read(u)) for v, u in around)
         if score >= max(MORE * given, given + LEAST):
             scores[text] = score
     for view in odd if len(cameras) > 2 else ():
@@ -71,7 +71,7 @@ def _scores_of_one(seen: Seen, view: int) -> dict[str, float]:
     for text, its, camera in single(seen, view):
         known, read_as = {**seen.corners, view: its}, {**cameras, view: camera}
         both = places if its is seen.corners[view] else {(v, u): matched(known[v], known[u]) for v, u in around}
-        fits = sum(fit(both[v, u], read_as[v], read_as[u]) for v, u in around)
+        fits = sum(inliers(both[v, u], read_as[v], read_as[u]) for v, u in around)
         if fits >= max(MORE_OF_ONE * own, own + LEAST):
             scores[text] = rest + fits
     return scores

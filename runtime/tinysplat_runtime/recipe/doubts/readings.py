@@ -65,7 +65,7 @@ def single(seen: Seen, view: int) -> Iterator[tuple[str, Corners, Camera]]:
     image = seen.frames[view].image()
     yield f"{name} is mirrored: with left for right", corners(image[:, ::-1]), camera
     yield f"{name} is upside down: turned by 180 degrees", corners(image[::-1, ::-1]), camera
-    yield f"{name} is a negative: with its colours inverted", Corners(own.places, -own.looks), camera
+    yield f"{name} is a negative: with its colours inverted", Corners(own.places, -own.descriptors), camera
     for degrees in ROLLS:
         yield f"the pose of {name} is rolled: by {-degrees} degrees", own, _rolled(camera, degrees)
     x, y = _shift(seen, view)

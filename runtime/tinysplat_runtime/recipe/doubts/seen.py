@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...scene.cameras import Camera
 from ...scene.intake.nerfstudio import BLENDER_FILE, FILE
 from ...scene.look import LOOK_WIDTH, PLANES, neighbours, thumbnail_size
-from ...scene.matches import Corners, corners, depths_told, fit, matched
+from ...scene.matches import Corners, corners, depths_told, inliers, matched
 from ...scene.resampling import resize_cover
 from ...scene.scenes import Frame, Scene
 from ...system.told import Told
@@ -87,7 +87,7 @@ class Seen:
     @cached_property
     def shares(self) -> dict[tuple[int, int], float]:
         """How many of these fit the cameras as given."""
-        return {(v, u): fit(places, self.closer[v], self.closer[u]) for (v, u), places in self.places.items()}
+        return {(v, u): inliers(places, self.closer[v], self.closer[u]) for (v, u), places in self.places.items()}
 
     @cached_property
     def confirmed(self) -> bool:

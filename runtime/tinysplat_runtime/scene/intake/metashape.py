@@ -41,7 +41,10 @@ def read_metashape(file: Path) -> Track:
     with parsing("XML"):
         root = ElementTree.fromstring(data)
     chunks = [_chunk(chunk, str(file)) for chunk in root.iter("chunk")]
-    return max(chunks, key=lambda track: len(track.cameras), default=Track(()))
+    largest = max(chunks, key=lambda track: len(track.cameras), default=Track(()))
+    if others := sum(len(chunk.cameras) for chunk in chunks) - len(largest.cameras):
+        warn(f"{file}: {len(chunks)} chunks, of which the largest is read; {others} photos of others are left out")
+    return largest
 
 
 def _chunk(chunk: ElementTree.Element, file: str) -> Track:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from functools import partial
 from pathlib import Path
 
@@ -23,9 +24,10 @@ from ..scenes import MAX_CAMERAS_BYTES
 from .nerfstudio import OPENGL_TO_OPENCV
 from .tracked import Track, Tracked, number, posed
 
-SIGN = rb"\A\s*(\xef\xbb\xbf)?#?\s*name\s*,[^\r\n]*\bheading\b[^\r\n]*"
+SIGN = rb"(?i)\A(\xef\xbb\xbf)?(#cameras[^\n]*\n)?#?\s*name\s*,[^\r\n]*\bheading\b"
 
 _NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
+_COUNT = re.compile(r"\A#cameras.*\n", re.IGNORECASE)  # before the header of some
 _FILM = 36.0  # of the longer side, to which f refers
 
 
@@ -36,7 +38,7 @@ def read_realityscan(file: Path) -> Track:
         InputError: names the photo and its column.
     """
     text = read_limited(file, MAX_CAMERAS_BYTES).decode("utf-8-sig", "replace")
-    rows = csv.reader(io.StringIO(text.strip().removeprefix("#"), newline=""))
+    rows = csv.reader(io.StringIO(_COUNT.sub("", text).removeprefix("#"), newline=""))
     try:
         header = [name.strip().lower() for name in next(rows)]
         if missing := [name for name in _NEEDED if name not in header]:
