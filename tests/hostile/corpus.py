@@ -89,6 +89,10 @@ def gaussian_seeds(suffix: str) -> tuple[bytes, ...]:
     if suffix == ".npz":
         arrays = {n: getattr(scenes[1], n) for n in ("means", "quats", "scales", "opacities", "sh")}
         files.append(_written(suffix, lambda path: np.savez_compressed(path, **arrays)))
+    if suffix == ".ply":  # normals become a filter and a property that is ignored
+        files.append(files[1].replace(b" nx\n", b" filter_3D\n").replace(b" ny\n", b" t\n"))
+    if suffix == ".gltf":
+        files.append(files[1].replace(b"srgb_rec709_display", b"lin_rec709_display"))
     return tuple(files)
 
 
@@ -117,12 +121,20 @@ def gltf_spz_seeds() -> tuple[bytes, ...]:
 
 @lru_cache(maxsize=1)
 def sog_folder_seeds() -> tuple[dict[str, bytes], ...]:
-    """SOG folders by file name."""
+    """SOG folders by file name, of version 2 and one of 1."""
     made = []
     for scene in (make_gaussians(2, 2, 3, 0), make_gaussians(1, 2, 2, 3)):
         with tempfile.TemporaryDirectory() as folder:
             ts.save_gaussians(Path(folder) / "meta.json", scene)
             made.append({path.name: path.read_bytes() for path in Path(folder).iterdir()})
+    meta = json.loads(made[1]["meta.json"])
+    del meta["version"]
+    limits = {"mins": [-1.0] * 4, "maxs": [1.0] * 4}
+    meta["means"]["shape"] = [meta.pop("count"), 3]
+    meta["scales"] = {"mins": [-3.0] * 3, "maxs": [0.0] * 3, "files": meta["scales"]["files"]}
+    meta["sh0"] = {**limits, "files": meta["sh0"]["files"]}
+    meta["shN"] = {"mins": -1, "maxs": 1.0, "files": meta["shN"]["files"]}
+    made.append({**made[1], "meta.json": json.dumps(meta).encode()})  # version 1
     return tuple(made)
 
 

@@ -305,7 +305,8 @@ def _mesh_parts(file: _File, mesh: JsonObject) -> Iterator[dict[str, NDArray]]:
         else:
             arrays = _primitive_arrays(file, primitive)
         if stated.get("colorSpace") == LINEAR:
-            warn(f"{file.path}: {LINEAR}: colours become sRGB's, whose blends differ a little from linear ones")
+            text = "colours become sRGB's; translucent Gaussians blend otherwise than in linear light"
+            warn(f"{file.path}: {LINEAR}: {text}")
             arrays["sh"] = srgb_of_linear(arrays["sh"])
         yield arrays
 
