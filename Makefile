@@ -6,13 +6,16 @@ RELEASE_VENV := .venv-release
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo pictures dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
+.PHONY: help demo page pictures dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 demo: $(DEMO_VENV)/.installed  ## real stereo photos to a .tsplat file and back, pictures in demo_out/ (no torch)
 	$(DEMO_VENV)/bin/python examples/demo.py --out demo_out
+
+page: $(VENV)/.installed  ## smaller scripts for pages, once JavaScript has changed (needs npm): runtime/tinysplat_runtime/page/small.json.gz
+	$(VENV)/bin/python checks/page_scripts.py
 
 pictures: $(VENV)/.installed  ## the command that makes each picture of the pages, and which are older than what they show
 	$(VENV)/bin/python checks/pictures.py

@@ -52,7 +52,7 @@ def test_every_package_on_disk_is_in_the_wheel_with_models_and_marker(wheel):
         part
         for room in ("page", "web")
         for part in (ROOT / "runtime" / "tinysplat_runtime" / room).rglob("*")
-        if part.suffix in {".html", ".css", ".js", ".mjs"}
+        if part.suffix in {".html", ".css", ".js", ".mjs", ".ts", ".gz"}
     ]
     assert parts
     for part in parts:

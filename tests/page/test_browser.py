@@ -198,6 +198,12 @@ def test_a_link_leads_to_the_same_view(browser: Browser, tmp_path: Path) -> None
     tab.wait(f"location.href === {address!r} && 'ready' in document.body.dataset")
     tab.ready()
     assert psnr(picture(tab)[MIDDLE], seen) > LEAST_DB
+    tab.evaluate("globalThis.device = page.splats.gl.getExtension('WEBGL_lose_context'), device.loseContext(), 0")
+    tab.wait("!page.splats")  # as phones do to a tab that nobody looks at
+    tab.evaluate("device.restoreContext(), 0")
+    tab.wait("page.splats && 'ready' in document.body.dataset")
+    tab.ready()
+    assert psnr(picture(tab)[MIDDLE], seen) > LEAST_DB
     tab.close()
 
 

@@ -2,7 +2,8 @@
 player of any such file.
 
 Scripts are modules: those of `web/`, which decode, and those here. In one text they travel as gzip; start.js unpacks
-and starts them. Bytes are written to base 85, which takes a quarter more than they do.
+and starts them. Bytes are written to base 85, which takes a quarter more than they do. `make page` writes smaller
+scripts of the same, with shorter names (small.json.gz), which are taken for as long as they were made of today's.
 """
 
 from __future__ import annotations
@@ -47,6 +48,9 @@ FILES_POLICY = (
 SCENE = "scene.tsplat"
 """What a folder's scene is called."""
 
+SMALL = "small.json.gz"
+"""Smaller scripts, and what they were made of."""
+
 
 def scene_page(
     data: bytes,
@@ -90,10 +94,11 @@ def scene_files(
     """As `scene_page`, as files of a folder for a web server, by name: for sites whose Content-Security-Policy allows
     scripts, styles and pictures of their own alone.
     """
+    decoder, page_script = scripts()
     files = {
         SCENE: data,
-        "tsplat.js": bundled().encode(),
-        "page.js": bundled("page.js", __package__).encode(),
+        "tsplat.js": decoder.encode(),
+        "page.js": page_script.encode(),
         "start.js": b'import * as decoder from "./tsplat.js";\nimport { start } from "./page.js";\n'
         b"start(decoder, new Uint8Array());\n",
         "style.css": _text("style.css").encode(),
@@ -125,6 +130,27 @@ def player_page(title: str = "TinySplat player", *, networks: Mapping[str, objec
     return _page(title, scene, "", sources="* data: blob:", has_networks=networks is not None)
 
 
+def scripts() -> tuple[str, str]:
+    """Texts of the modules that decode and that show, in as few bytes as there are of them."""
+    texts = scripts_as_written()
+    small = importlib.resources.files(__package__) / SMALL
+    if small.is_file():
+        made = json.loads(gzip.decompress(small.read_bytes()))
+        if made["of"] == scripts_digest(texts):
+            return made["decoder"], made["page"]
+    return texts
+
+
+def scripts_as_written() -> tuple[str, str]:
+    """Texts of the modules that decode and that show, each with all that it imports."""
+    return bundled(), bundled("page.js", __package__)
+
+
+def scripts_digest(texts: tuple[str, str]) -> str:
+    """What smaller scripts say that they were made of."""
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+
+
 def _scene(cameras: Sequence[Camera], photos: Mapping[int, str], first: int, source: str | None) -> dict[str, object]:
     """What the page's script is told."""
     own = [_camera(camera) for camera in cameras]
@@ -140,7 +166,7 @@ def _page(
     poster: str | None = None,
     has_networks: bool = False,
 ) -> str:
-    code = json.dumps([bundled(), bundled("page.js", __package__)]).encode()
+    code = json.dumps(scripts()).encode()
     start, style = _text("start.js"), _text("style.css")
     policy = _POLICY.format(
         start=_hash(start),

@@ -212,7 +212,7 @@ precision mediump float;
 out vec4 result;
 void main() { result = vec4(1.0, 0.7, 0.33, 1.0); }`;
 
-function work() { // in a worker: orders Gaussians
+function work(sorting) { // in a worker: orders Gaussians
   let order;
   onmessage = ({ data }) => {
     if (data.means) order = sorting(data.means, data.parts);
@@ -224,12 +224,12 @@ function work() { // in a worker: orders Gaussians
 }
 
 const SORTER = "tsplat-sorter", { url } = import.meta;
-if (globalThis.name === SORTER) work();
+if (globalThis.name === SORTER) work(sorting);
 
 // A worker of this file, or where the page carries its scripts, of the text of what it runs.
 function sorter() {
   if (!url.startsWith("blob:")) return new Worker(url, { type: "module", name: SORTER });
-  const text = `"use strict";const sorting=${sorting};(${work})()`;
+  const text = `"use strict";(${work})(${sorting})`;
   return new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
 }
 
