@@ -13,11 +13,13 @@ from PIL import Image
 from scenes import make_cameras, make_photo, refusing
 
 from tinysplat.poses.folder import write_folder
-from tinysplat.poses.placing import upright_copies
+from tinysplat.poses.placing import encoded, upright_copies
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_scene
+from tinysplat_runtime.scene.lenses import Lens
 from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.resampling import resize_cover
 
 CAMERAS = make_cameras(3, 24, 32)
 POINTS = (np.array([[0.1, 0, 3.0], [0, 0.1, 5.0]]), np.array([[1, 2, 3], [255, 0, 9]], np.uint8), np.array([0.5, 1.0]))
@@ -50,7 +52,8 @@ def photos(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("layout", ["cameras.json", "transforms.json", "sparse"])
 def test_every_layout_says_the_same(tmp_path: Path, photos: Path, layout: str) -> None:
     scene = tmp_path / "scene"
-    assert write_folder(scene, photos, entries()[::-1], (1.5, 8.0), POINTS, quiet=True) == ["0.png", "1.png", "2.png"]
+    cameras = write_folder(scene, photos, entries()[::-1], (1.5, 8.0), POINTS, quiet=True)
+    assert list(cameras) == ["0.png", "1.png", "2.png"]
     for other in {"cameras.json", "transforms.json", "sparse"} - {layout}:
         path = scene / other
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -106,3 +109,20 @@ def test_copies_have_names_of_their_own_that_colmap_reads(tmp_path: Path) -> Non
     assert not any(" " in name for name in called.values()) and called["b.HEIC"].endswith(".jpg")
     for name, copy in called.items():
         assert np.abs(read_image(copies / copy).astype(int) - read_image(tmp_path / name)).mean() < 4
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_very_large_photos_are_kept_half_as_large_with_their_cameras(tmp_path: Path, suffix: str) -> None:
+    photo = np.kron(make_photo(20, 30), np.ones((90, 90, 1))).astype(np.uint8)  # 1800 x 2700
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(encoded(photo, path.name))
+    entry = entries()[0]
+    lens = {"model": "SIMPLE_RADIAL", "width": 2700, "height": 1800, "params": [2400.0, 1350.0, 900.0, 0.05]}
+    write_folder(tmp_path / "s", tmp_path, [{**entry, "name": path.name, "camera": lens}], (1, 9), POINTS, quiet=True)
+    (frame,) = load_scene(tmp_path / "s").frames
+    assert (frame.camera.height, frame.camera.width) == (900, 1350)
+    whole = Lens("SIMPLE_RADIAL", (2400.0, 1350.0, 900.0, 0.05), 2700, 1800)
+    expected = resize_cover(whole.undistort(photo), 900, 1350)
+    K = whole.camera(frame.camera.c2w).resized(900, 1350).K
+    np.testing.assert_allclose(frame.camera.K, K, rtol=2e-3)
+    assert np.abs(frame.image() - expected).mean() < 0.02

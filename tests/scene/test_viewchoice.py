@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import camera_at, refusing
+from scenes import camera_at, refusing, tells
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.frusta import sees
+from tinysplat_runtime.scene.spacing import Spacing, angle_between
 from tinysplat_runtime.scene.viewchoice import choose_views, needed_views, sharpness_of
 
 
@@ -109,3 +110,48 @@ def test_blur_lowers_sharpness_and_contrast_does_not() -> None:
     blurred = (image + np.roll(image, 1, axis=0) + np.roll(image, 1, axis=1)) / 3
     assert sharpness_of(blurred) < sharpness_of(image)
     assert sharpness_of(0.3 * image + 0.2) > sharpness_of(blurred)
+
+
+def arc(count: int, step: float) -> list[Camera]:
+    """`count` cameras, `step` degrees apart, around a point 4 away that all look at."""
+    cameras = []
+    for i in range(count):
+        angle = np.radians(step * i)
+        c2w = np.eye(4)
+        c2w[:3, :3] = [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
+        c2w[:3, 3] = [4 * np.sin(angle), 0, -4 * np.cos(angle)]
+        cameras.append(Camera([[100.0, 0, 64], [0, 100, 48], [0, 0, 1]], c2w, 128, 96))
+    return cameras
+
+
+@pytest.mark.parametrize(("count", "step"), [(10, 15.0), (36, 10.0), (20, 8.0)])
+@pytest.mark.parametrize("wanted", [3, 4, 6])
+def test_no_gap_is_left_that_photos_between_could_fill(count: int, step: float, wanted: int) -> None:
+    cameras = arc(count, step)
+    chosen = choose_views(cameras, 2.0, 6.0, wanted)
+    assert len(chosen) == wanted
+    assert Spacing.of([cameras[i] for i in chosen], 2.0, 6.0).largest < 50
+
+
+def test_how_far_apart_photos_are() -> None:
+    cameras = arc(6, 12.0)
+    for i in range(5):
+        assert angle_between(cameras[i], cameras[i + 1], 3.99, 4.01) == pytest.approx(12, abs=1.5)
+    away = [camera_at(0.0, turn=np.pi)]
+    spacing = Spacing.of([*arc(6, 12.0), *away], 3.99, 4.01)
+    assert 10 < spacing.typical <= spacing.largest < 13
+    assert spacing.alone == (6,)
+    said = spacing.said([f"{i}.jpg" for i in range(7)])
+    assert tells(said, "11° 3° 10° 35° 6.jpg")
+    gap = Spacing.of([arc(6, 12.0)[i] for i in (0, 1, 2, 5)], 3.99, 4.01)
+    assert gap.farthest == (2, 3) and gap.largest == pytest.approx(36, abs=4)
+
+
+def test_spacing_does_not_depend_on_the_unit_nor_on_the_order() -> None:
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-1, 1, 9)
+    small = Spacing.of([camera_at(x) for x in places], 2.0, 6.0)
+    large = Spacing.of([camera_at(1000 * x) for x in places[::-1]], 2000.0, 6000.0)
+    assert small.typical == pytest.approx(large.typical) and small.largest == pytest.approx(large.largest)
+    assert sorted(8 - v for v in large.farthest) == list(small.farthest)
+    assert np.isnan(Spacing.of([camera_at(0.0), camera_at(0.0, turn=np.pi)], 2.0, 6.0).typical)

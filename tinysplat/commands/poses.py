@@ -18,12 +18,14 @@ from tinysplat.poses.placing import Placement, coloured_points, copies, encoded,
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic
+from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import PHOTO_SUFFIXES
 from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
 from tinysplat_runtime.scene.intake.depths import observed_range
 from tinysplat_runtime.scene.intake.photos import photos_in
+from tinysplat_runtime.scene.spacing import Spacing
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import progress
 
@@ -83,29 +85,32 @@ def run(args: Namespace) -> None:
                 names = _copied(source, found, photos, quiet=args.quiet)
                 placement = place(photos, list(names), Path(work), args.threads or -1, quiet=args.quiet)
             _check_placement(placement)
-            count, (near, far) = _write(output, photos, placement, quiet=args.quiet)
+            cameras, (near, far) = _write(output, photos, placement, quiet=args.quiet)
         except InputError as error:
             where = (error.where or str(source)).replace(str(photos), str(source))
             raise InputError(error.message, where=where) from None
     for line in _remarks(names, placement, "frames" if is_video else "photos"):
         print(printable(f"{source}: {line}"), file=sys.stderr)
     if not args.quiet:
+        if near and far:
+            said = Spacing.of(list(cameras.values()), near, far).said([names[name] for name in cameras])
+            print(printable(f"{source}: {said}"), file=sys.stderr)
         depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
-        print(f"{output}: {count} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
+        print(f"{output}: {len(cameras)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
 
 
 def _write(
     output: Path, photos: Path, placement: Placement, *, quiet: bool
-) -> tuple[int, tuple[float | None, float | None]]:
-    """Write the scene of photos that were placed; how many they are, and near and far."""
+) -> tuple[dict[str, Camera], tuple[float | None, float | None]]:
+    """Write the scene of photos that were placed; their cameras by name, and near and far."""
     arrays = model_arrays(placement.model, {})
     entries = json.loads(arrays["entries"].tobytes())
     kept = np.array([entry["name"] in placement.right for entry in entries])
     w2c, observations = np.array([entry["w2c"] for entry in entries]), arrays["observations"]
     depths = observed_range(w2c, arrays["points"], observations[kept[observations[:, 0]]])
     right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
-    write_folder(output, photos, right, depths, coloured_points(placement.model), quiet=quiet)
-    return len(right), depths
+    cameras = write_folder(output, photos, right, depths, coloured_points(placement.model), quiet=quiet)
+    return cameras, depths
 
 
 def _check_placement(placement: Placement) -> None:

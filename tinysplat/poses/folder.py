@@ -16,16 +16,20 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry, lens_entry
 from tinysplat_runtime.scene.intake.nerfstudio import FILE as TRANSFORMS_FILE
 from tinysplat_runtime.scene.intake.nerfstudio import OPENGL_TO_OPENCV
 from tinysplat_runtime.scene.lenses import Lens
-from tinysplat_runtime.scene.scenes import Frame
+from tinysplat_runtime.scene.resampling import resize_cover
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.progress import progress
 
 from .placing import encoded
+
+MOST_PIXELS = 4_000_000
+"""Of a photo that is kept as large as it is: trainers take photos 1,600 pixels wide, and `encode` smaller ones."""
 
 Points = tuple[NDArray, NDArray, NDArray]
 """Positions (N, 3), colours (N, 3) uint8, errors (N,) in pixels."""
@@ -39,7 +43,7 @@ def write_folder(
     points: Points,
     *,
     quiet: bool,
-) -> list[str]:
+) -> dict[str, Camera]:
     """Write a scene; nothing stays behind when that fails.
 
     Args:
@@ -51,7 +55,7 @@ def write_folder(
         quiet: whether to show no progress.
 
     Returns:
-        The names of the photos in it, in order.
+        Cameras of the photos in it by the photos' names, in their order.
     """
     existed = output.exists()
     (output / "images").mkdir(parents=True)
@@ -72,18 +76,27 @@ def write_folder(
         for path in [output] if not existed else list(output.iterdir()):
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
         raise
-    return [str(entry["name"]) for entry in order]
+    return {str(entry["name"]): camera for entry, (_, camera, _) in zip(order, frames, strict=True)}
 
 
 def _written(output: Path, photos: Path, entry: JsonObject) -> tuple[str, Camera, Lens]:
-    """A photo without distortion, of its own size and kind; its place in the folder, its camera and its lens."""
-    camera, name = entry["camera"], str(entry["name"])
-    lens = Lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"])
-    view = lens.camera(np.linalg.inv(np.vstack([entry["w2c"], [0, 0, 0, 1]])))
-    frame = Frame(view, photos / name, lens=lens).resized(lens.height, lens.width)
-    file = f"images/{Path(name).stem}{Path(name).suffix.lower()}"
-    write_atomically(output / file, encoded(frame.image(), file))
-    return file, frame.camera, lens
+    """A photo without distortion, of its own kind; its place in the folder, its camera and its lens.
+
+    It is of its own size, or of a half or a quarter of that, where it has more than `MOST_PIXELS`.
+    """
+    stated, name = entry["camera"], str(entry["name"])
+    lens = Lens(stated["model"], tuple(stated["params"]), stated["width"], stated["height"])
+    sides = lens.height, lens.width
+    shrink = next((n for n in (1, 2, 4) if sides[0] * sides[1] <= MOST_PIXELS * n * n), 4)
+    if any(side % shrink for side in sides):
+        shrink = 1
+    kept = sides[0] // shrink, sides[1] // shrink
+    photo = read_image(photos / name, shrink=shrink)
+    taken = lens.scaled(photo.shape[1], photo.shape[0])
+    view = taken.camera(np.linalg.inv(np.vstack([entry["w2c"], [0, 0, 0, 1]])))
+    file = f"images/{name}"
+    write_atomically(output / file, encoded(resize_cover(taken.undistort(photo), *kept), file))
+    return file, view.resized(*kept), lens
 
 
 def _write_json(path: Path, document: JsonObject) -> None:

@@ -58,8 +58,14 @@ class Walk:
     detail: NDArray
 
     def chosen(self, count: int | None = None) -> list[int]:
-        """Indices of frames, rising: so many, or as many as the movement asks for, within `FEWEST` and `MOST`."""
+        """Indices of frames, rising: so many, or as many as the movement asks for, within `FEWEST` and `MOST`.
+
+        Of a video of no more than `MOST` frames all are taken in which something moved: they are soon placed.
+        """
         if count is None:
+            differing = [0, *(np.flatnonzero(np.diff(self.moved)) + 1)]
+            if len(self.moved) <= MOST and len(differing) >= min(FEWEST, len(self.moved)):
+                return [self.indices[i] for i in differing]
             count = int(np.clip(math.ceil(self.moved[-1] / STEP) + 1, FEWEST, MOST))
         return [self.indices[i] for i in stretches(self.moved, self.detail, min(count, len(self.moved)))]
 

@@ -1,9 +1,10 @@
 """Photos placed in space by COLMAP's incremental mapper, through the package pycolmap (extra `poses`).
 
 Up to `FEW` photos are compared each with each. More photos are compared with those taken shortly before, at distances
-of 2, 4, 8 …, and with those whose thumbnails look alike; where that leaves a photo out or uncertain, up to `ALL_PAIRS`
-are then compared each with each, too: a walk that comes back to where it was closes only by pairs that no order tells
-of, and without them halves of a scene hang together by one pair and lie apart.
+of 2, 4, 8 …, and with those whose thumbnails look alike. Where that leaves a photo out, up to `ALL_PAIRS` are compared
+again, each with each and more carefully: features are matched along epipolar lines as well, and fewer matches suffice
+for a place. A walk that comes back to where it was closes only by pairs that no order tells of, and without them halves
+of a scene hang together by one pair and lie apart.
 
 Matches then judge what was found: a photo most of whose strong matches contradict its place (`contradicted`) was placed
 wrongly, and is left out.
@@ -32,7 +33,7 @@ from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
 from tinysplat_runtime.system.progress import progress, working
 
 FEW, ALL_PAIRS = 40, 100
-"""Photos that are compared each with each at once, and where some of them could not be placed otherwise."""
+"""Photos that are compared each with each at once, and again where some of them could not be placed."""
 
 SMALL_SIDE = 800
 """Photos of at most so many pixels across have their features found in a picture twice as large."""
@@ -42,6 +43,7 @@ T = TypeVar("T")
 _PHOTOS_AT_ONCE, _PAIRS_AT_ONCE = 8, 64  # that COLMAP is given, which does not say how far it is
 _SEED = 0  # of RANSAC: the same photos give the same poses
 _OVERLAP, _FARTHEST = 6, 64  # photos before each that it is compared with: so many, and 2, 4, 8 … up to so far
+_FEWER_MATCHES = 20  # with points that suffice for a place on second thoughts, of COLMAP's 30
 _ALIKE, _THUMBNAIL = 10, 16  # and so many that look like it, by thumbnails of so many pixels to each side
 _SMALL_FEATURES, _FEATURES, _PIXELS = 4096, 2048, 1600  # of a photo; larger photos are shrunk to so many pixels first
 
@@ -80,6 +82,10 @@ class Placement:
     def right(self) -> frozenset[str]:
         """Names of photos in the model whose matches agree with their places."""
         return frozenset(image.name for image in self.model.images.values() if image.has_pose) - self.wrong
+
+    def worth(self) -> tuple[int, int]:
+        """What makes one of two placements of the same photos the better one."""
+        return len(self.right), -len(self.uncertain)
 
 
 def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
@@ -137,17 +143,21 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
     Raises:
         InputError: none could be placed.
     """
+    pycolmap = load_pycolmap()
     database = work / "database.db"
     _find_features(photos, names, database, threads, quiet=quiet)
-    found = None
-    if len(names) > FEW:
-        _match(names, pairs_of_many(photos, names, quiet=quiet), work, threads, quiet=quiet)
-        found = _placed(photos, database, quiet=quiet)
-    is_whole = found is not None and len(found.right) == len(names) and not found.uncertain
-    if len(names) <= FEW or (len(names) <= ALL_PAIRS and not is_whole):
-        every = [(i, j) for j in range(len(names)) for i in range(j)]
-        _match(names, every, work, threads, quiet=quiet)
-        found = _placed(photos, database, quiet=quiet)
+    every = [(i, j) for j in range(len(names)) for i in range(j)] if len(names) <= ALL_PAIRS else []
+    pairs = every if len(names) <= FEW else pairs_of_many(photos, names, quiet=quiet)
+    _match(names, pairs, database, threads, quiet=quiet)
+    found = _placed(photos, database, quiet=quiet)
+    is_whole = found is not None and len(found.right) == len(names) and not (found.uncertain and len(names) > FEW)
+    if every and not is_whole:
+        with pycolmap.Database.open(database) as opened:
+            opened.clear_matches()
+            opened.clear_two_view_geometries()
+        _match(names, every, database, threads, is_careful=True, quiet=quiet)
+        again = _placed(photos, database, is_careful=True, quiet=quiet)
+        found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
         said = "they need texture, overlap, and to be taken from different places"
         raise InputError(f"no photos could be placed: {said}")
@@ -178,20 +188,26 @@ def _find_features(photos: Path, names: Sequence[str], database: Path, threads: 
         pycolmap.extract_features(database, photos, part, mode, reading, extraction)
 
 
-def _match(names: Sequence[str], pairs: Sequence[tuple[int, int]], work: Path, threads: int, *, quiet: bool) -> None:
+def _match(
+    names: Sequence[str],
+    pairs: Sequence[tuple[int, int]],
+    database: Path,
+    threads: int,
+    *,
+    is_careful: bool = False,
+    quiet: bool,
+) -> None:
     """Match and verify those pairs of photos that the database lacks."""
     pycolmap = load_pycolmap()
+    matching = pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False, guided_matching=is_careful)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
-    listed = work / "pairs.txt"
-    for part in _by_parts(pairs, _PAIRS_AT_ONCE, "matching pairs of photos", quiet=quiet):
+    listed = database.with_name("pairs.txt")
+    label = "matching pairs of photos" + " more carefully" * is_careful
+    for part in _by_parts(pairs, _PAIRS_AT_ONCE, label, quiet=quiet):
         listed.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in part), "utf-8")
-        pycolmap.match_image_pairs(
-            work / "database.db",
-            pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False),
-            pycolmap.ImportedPairingOptions(match_list_path=listed),
-            verification,
-        )
+        pairing = pycolmap.ImportedPairingOptions(match_list_path=listed)
+        pycolmap.match_image_pairs(database, matching, pairing, verification)
 
 
 def _by_parts(items: Sequence[T], size: int, label: str, *, quiet: bool) -> Iterator[Sequence[T]]:
@@ -201,9 +217,11 @@ def _by_parts(items: Sequence[T], size: int, label: str, *, quiet: bool) -> Iter
         yield part
 
 
-def _placed(photos: Path, database: Path, *, quiet: bool) -> Placement | None:
+def _placed(photos: Path, database: Path, *, is_careful: bool = False, quiet: bool) -> Placement | None:
     """The largest model that matches give, judged by them."""
-    models = sorted(_mapped(photos, database, quiet=quiet), key=lambda one: -one.num_reg_images())
+    models = sorted(
+        _mapped(photos, database, is_careful=is_careful, quiet=quiet), key=lambda one: -one.num_reg_images()
+    )
     if not models:
         return None
     names = [{image.name for image in one.images.values() if image.has_pose} for one in models]
@@ -248,12 +266,14 @@ def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> 
     return sorted(pairs)
 
 
-def _mapped(photos: Path, database: Path, *, quiet: bool) -> list[Any]:
+def _mapped(photos: Path, database: Path, *, is_careful: bool, quiet: bool) -> list[Any]:
     """The models that matches give."""
     pycolmap = load_pycolmap()
     folder = tempfile.mkdtemp(dir=database.parent)
     # One thread: with more, sums are added up in another order in every run, and photos are placed or not by that.
     options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=_SEED, min_model_size=2)
+    if is_careful:
+        options.mapper.abs_pose_min_num_inliers = _FEWER_MATCHES
     done = 0
 
     def count() -> None:

@@ -17,7 +17,8 @@ from ..scene.intake.stereo import stereo_scene
 from ..scene.intake.video import video_scene
 from ..scene.look import LOOK_WIDTH, range_guessed, range_seen, thumbnail_size
 from ..scene.neighbours import LEAST_BASELINE, Neighbours
-from ..scene.scenes import Scene
+from ..scene.scenes import Frame, Scene
+from ..scene.spacing import Spacing
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
 from ..system.told import NOBODY, Told
 from .request import EncodeRequest
@@ -56,6 +57,9 @@ def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
     scene = named_scene(request)
     chosen, why = _chosen_views(request, scene, told)
     _say_wide(chosen, told)
+    spacing = Spacing.of(chosen.cameras, *chosen.depth_range())
+    if not (spacing.is_good and len(chosen.frames) in ALL_VIEWS):
+        told.say("notice", spacing.said([_name(frame) for frame in chosen.frames]), scene.path)
     sized = _sized(request, chosen, told)
     if len(sized.frames) in ALL_VIEWS:
         return sized
@@ -156,6 +160,10 @@ def _once(scene: Scene, told: Told) -> Scene:
         again = [frame.path.name for v, frame in enumerate(scene.frames) if v not in set(kept)]
         told.say("notice", f"left out {_listed(again)}: taken from the same place as another", scene.path)
     return scene.views(kept)
+
+
+def _name(frame: Frame) -> str:
+    return frame.path.name if frame.video is None else f"frame {frame.index}"
 
 
 def _listed(names: Sequence[str]) -> str:

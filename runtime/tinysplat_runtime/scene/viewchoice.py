@@ -8,7 +8,8 @@ A few photos for one scene are chosen by what they see (`choose_views`). Points 
 between near and far. A choice of views is worth, per point, the best that any two of its views seeing the point are
 worth to stereo: nothing at the same place, everything where their rays meet at GOOD_ANGLES, falling to nothing at
 MAX_ANGLE. Views are added greedily, one or a pair at a time, whichever gains more per view, so that coverage and
-baseline are weighed by one number.
+baseline are weighed by one number. Each lies within `MAX_ANGLE` of one that was chosen before, so that no gap is left
+between them; views of another place, which nothing joins to those, begin anew.
 """
 
 from __future__ import annotations
@@ -21,13 +22,11 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .cameras import Camera
 from .frusta import points_seen, sees
-from .neighbours import Neighbours
+from .neighbours import COMMON, Neighbours
+from .spacing import GOOD_ANGLES, MAX_ANGLE
 
-GOOD_ANGLES = (3.0, 10.0)
-"""Degrees between two rays to a point: baselines of 5 % to 17 % of the depth, where photos still look alike."""
-
-MIN_ANGLE, MAX_ANGLE = 0.1, 35.0
-"""Degrees at which a pair is worth nothing."""
+MIN_ANGLE = 0.1
+"""Degrees at which a pair is worth nothing, as at `MAX_ANGLE`."""
 
 MAX_CANDIDATES = 64
 """More photos than these are thinned evenly in capture order first."""
@@ -122,45 +121,68 @@ def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int)
         raise InputError(f"{count} of {len(cameras)} photos, expected 2 to {len(cameras)}", where="views")
     spread = np.linspace(0, len(cameras) - 1, min(len(cameras), max(MAX_CANDIDATES, count)))
     candidates = [int(i) for i in np.rint(spread)]
-    values = _pair_values([cameras[i] for i in candidates], near, far)  # (C, C, P)
+    values, joins = _pair_values([cameras[i] for i in candidates], near, far)  # (C, C, P), (C, C)
     if not values.any():
         raise InputError("no two photos see the same place from different ones; name some with --views", where="views")
+    place = _places_of(joins)  # (C,)
     chosen: list[int] = []
     reached = np.zeros(values.shape[2], np.float32)  # (P,)
     while len(chosen) < count:
-        added = _best_addition(values, reached, chosen, room=count - len(chosen))
+        new = ~np.isin(place, place[chosen]) | joins[chosen].any(axis=0)
+        new[chosen] = False
+        if not new.any():  # all that is left stands apart
+            new[:] = True
+            new[chosen] = False
+        added = _best_addition(values, joins, reached, chosen, new, room=count - len(chosen))
         chosen += added
         reached = np.maximum(reached, values[np.ix_(chosen, added)].max(axis=(0, 1)))
     return sorted(candidates[i] for i in chosen)
 
 
-def _best_addition(values: NDArray, reached: NDArray, chosen: list[int], room: int) -> list[int]:
-    """The view, or the pair of views, that gains most per view."""
-    free = np.ones(len(values), bool)
-    free[chosen] = False
-    best, gain = [int(np.argmax(free))], -1.0
+def _places_of(joins: NDArray) -> NDArray:
+    """(C,) a number of the place that each view shows, the same for those that joins (C, C) lead to one another."""
+    place = np.arange(len(joins))
+    while True:
+        lowest = np.minimum(place, np.where(joins, place, len(joins)).min(axis=1))
+        if (lowest == place).all():
+            return place
+        place = lowest
+
+
+def _best_addition(
+    values: NDArray, joins: NDArray, reached: NDArray, chosen: list[int], new: NDArray, room: int
+) -> list[int]:
+    """Of new views (C,) bool, the one that gains most per view, or one and another that goes with it."""
+    best, gain = [int(np.argmax(new))], -1.0
     if chosen:
-        gains = np.maximum(values[chosen].max(axis=0) - reached, 0).sum(axis=1)  # (C,)
-        gains[~free] = -1
+        gains = np.where(new, np.maximum(values[chosen].max(axis=0) - reached, 0).sum(axis=1), -1)  # (C,)
         best, gain = [int(np.argmax(gains))], float(gains.max())
     if room >= 2:
-        pairs = np.maximum(values - reached, 0).sum(axis=2) * (free & free[:, None])  # (C, C)
+        free = np.ones(len(values), bool)
+        free[chosen] = False
+        pairs = np.maximum(values - reached, 0).sum(axis=2) * (new[:, None] & free & joins)  # (C, C)
         if pairs.max() / 2 > gain:
             best = [int(i) for i in np.unravel_index(np.argmax(pairs), pairs.shape)]
     return best
 
 
-def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
-    """(C, C, P) float32: what each pair is worth at each point, 0 where one of them does not see it."""
+def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> tuple[NDArray, NDArray]:
+    """What each pair is worth at each point, (C, C, P) float32, 0 where one of them does not see it; whether it joins.
+
+    A pair joins (C, C) that shows something in common, most of it within `MAX_ANGLE`.
+    """
     points = np.concatenate([points_seen(camera, near, far) for camera in cameras])  # (P, 3)
     rays = np.stack([points - camera.centre for camera in cameras])  # (C, P, 3)
     rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), 1e-30)
     seen = np.stack([sees(camera, points, near, far) for camera in cameras])  # (C, P)
     values = np.zeros((len(cameras), len(cameras), len(points)), np.float32)
+    joins = np.zeros((len(cameras), len(cameras)), bool)
     low, high = GOOD_ANGLES
     for i, (ray, visible) in enumerate(zip(rays, seen, strict=True)):
         angle = np.degrees(np.arccos(np.clip((rays * ray).sum(axis=2), -1, 1)))  # (C, P)
         rise, fall = (angle - MIN_ANGLE) / (low - MIN_ANGLE), (MAX_ANGLE - angle) / (MAX_ANGLE - high)
         worth = np.minimum(rise, fall).clip(0, 1)
-        values[i] = worth * (seen & visible)
-    return values
+        both = seen & visible
+        values[i] = worth * both
+        joins[i] = 2 * (both & (angle < MAX_ANGLE)).sum(axis=1) > np.maximum(both.sum(axis=1), COMMON * visible.sum())
+    return values, joins & joins.T
