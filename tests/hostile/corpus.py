@@ -12,6 +12,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+import pillow_heif
 from formats.foreign import foreign_bytes
 from scenes import (
     colmap_texts,
@@ -236,6 +237,41 @@ def photo_seeds() -> tuple[bytes, ...]:
     """A PNG and a JPEG of 24×16."""
     pixels = make_photo(16, 24)
     return _written(".png", lambda path: write_png(path, pixels)), _jpeg(pixels)
+
+
+@lru_cache(maxsize=1)
+def heic_seeds() -> tuple[bytes, ...]:
+    """A HEIC photo of 24×16."""
+    pixels = make_photo(16, 24)
+    return (
+        _written(
+            ".heic", lambda path: pillow_heif.from_bytes("RGB", (24, 16), pixels.tobytes()).save(path, quality=60)
+        ),
+    )
+
+
+def profile_seeds() -> tuple[bytes, ...]:
+    """ICC profiles of matrices, with curves of each kind."""
+    numbers = [
+        struct.pack(">3i", *(round(65536 * v) for v in xyz))
+        for xyz in ((0.5, 0.2, 0.0), (0.3, 0.7, 0.0), (0.2, 0.1, 0.8))
+    ]
+    parametric = [
+        b"para\0\0\0\0" + struct.pack(f">HH{count}i", kind, 0, *[60000] * count)
+        for kind, count in enumerate((1, 3, 4, 5, 7))
+    ]
+    tables = [b"curv\0\0\0\0" + struct.pack(f">I{count}H", count, *range(count)) for count in (0, 1, 9)]
+    profiles = []
+    for curve in (*parametric, *tables):
+        bodies = [*(b"XYZ \0\0\0\0" + xyz for xyz in numbers), curve, curve, curve]
+        places = np.cumsum([132 + 12 * 6, *map(len, bodies)])
+        names = (b"rXYZ", b"gXYZ", b"bXYZ", b"rTRC", b"gTRC", b"bTRC")
+        tags = b"".join(
+            name + struct.pack(">II", at, len(body)) for name, at, body in zip(names, places[:-1], bodies, strict=True)
+        )
+        header = bytes(16) + b"RGB XYZ " + bytes(12) + b"acsp" + bytes(88)
+        profiles.append(header + struct.pack(">I", 6) + tags + b"".join(bodies))
+    return tuple(profiles)
 
 
 def _jpeg(pixels: np.ndarray) -> bytes:

@@ -32,6 +32,7 @@ from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import GraphStore, open_graph
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import render
+from tinysplat_runtime.scene.colours import of_icc, to_srgb
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
@@ -203,6 +204,13 @@ def _video(path: Path) -> None:
             raise BrokenPromiseError("a frame of another size than the video's")
 
 
+def _profile(path: Path) -> None:
+    colours = of_icc(path.read_bytes())
+    if colours is None:
+        raise InputError("nothing that changes colours")
+    to_srgb(np.arange(48, dtype=np.uint8).reshape(4, 4, 3), colours)
+
+
 def _cameras(path: Path) -> None:
     load_cameras(path)
     load_scene(path)
@@ -339,6 +347,8 @@ TARGETS: dict[str, Target] = {
         Target("cameras", _from_file(".json", corpus.camera_seeds, _cameras, damage_json), (InputError,)),
         Target("png", _from_file(".png", lambda: corpus.photo_seeds()[:1], read_image), (InputError,)),
         Target("jpeg", _from_file(".jpg", lambda: corpus.photo_seeds()[1:], read_image), (InputError,)),
+        Target("heic", _from_file(".heic", corpus.heic_seeds, read_image), (InputError,)),
+        Target("profile", _from_file(".icc", corpus.profile_seeds, _profile), (InputError,)),
         Target("video", _from_file(".mp4", corpus.video_seeds, _video), (InputError,)),
         Target("onnx", _from_file(".onnx", corpus.model_seeds, _model), (ModelError,)),
     )

@@ -57,18 +57,20 @@ def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
     scene = named_scene(request)
     chosen, why = _chosen_views(request, scene, told)
     _say_wide(chosen, told)
-    spacing = Spacing.of(chosen.cameras, *chosen.depth_range())
-    if not (spacing.is_good and len(chosen.frames) in ALL_VIEWS):
-        told.say("notice", spacing.said([_name(frame) for frame in chosen.frames]), scene.path)
     sized = _sized(request, chosen, told)
-    if len(sized.frames) in ALL_VIEWS:
-        return sized
     photos = len(sized.frames)
     if photos > MAX_VIEWS:
         fault = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
         raise InputError(fault, where=str(scene.path))
+    spacing = Spacing.of(chosen.cameras, *chosen.depth_range())
+    apart = spacing.said([_name(frame) for frame in chosen.frames])
+    if photos in ALL_VIEWS:
+        if not spacing.is_good:
+            told.say("notice", apart, scene.path)
+        return sized
     others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes so many"
     told.say("notice", f"{photos} of {len(scene.frames)} photos, {why}; {others}", scene.path)
+    told.say("notice", apart, scene.path)
     return sized
 
 

@@ -20,6 +20,8 @@ SUFFIXES = (".heic", ".heif", ".hif")
 
 INSTALL = 'pip install "tinysplat[heic]"'
 
+_FAULTS = (ValueError, EOFError, SyntaxError, RuntimeError, OSError, IndexError)  # of the package, on damaged files
+
 _BRANDS = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"hevm", b"hevs", b"mif1", b"msf1")
 
 
@@ -50,7 +52,7 @@ def opened(data: bytes) -> Any:
     try:
         file = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
         return file[file.primary_index]
-    except (ValueError, EOFError, SyntaxError, RuntimeError, OSError) as error:
+    except _FAULTS as error:
         raise InputError(f"damaged HEIC ({' '.join(str(error).split())[:80]})") from None
 
 
@@ -62,7 +64,7 @@ def decoded(picture: Any) -> tuple[NDArray, Colours | None]:
     """
     try:
         pixels = np.asarray(picture)
-    except (ValueError, EOFError, SyntaxError, RuntimeError, OSError) as error:
+    except _FAULTS as error:
         raise InputError(f"damaged HEIC ({' '.join(str(error).split())[:80]})") from None
     stated = picture.info.get("nclx_profile") or {}
     primaries, transfer = (int(stated.get(name, 2)) for name in ("color_primaries", "transfer_characteristics"))
