@@ -28,7 +28,7 @@ def file_report(described: JsonObject, watch: Stopwatch) -> JsonObject:
         "seconds": watch.seconds,
         "peak_rss_bytes": peak_rss_bytes(),
         "left_out": described["left_out"],
-        "thinned": described["pruned"],
+        "pruned": described["pruned"],
     }
 
 
