@@ -1,8 +1,8 @@
 """Which photos of many to take: `--views auto`.
 
 A capture needs the photos without which others could not be drawn (`needed_views`): one after another the photo that
-lies farthest from all taken so far (`neighbours` has the distance), until none does by more than SPACING. Blurred ones
-give way to sharper ones beside them.
+lies farthest from all taken so far (`neighbours` has the distance), until none does by more than SPACING. Up to PLENTY
+are taken that lie nearer, as each makes pictures better. Blurred ones give way to sharper ones beside them.
 
 A few photos for one scene are chosen by what they see (`choose_views`). Points are spread through what the cameras see,
 between near and far. A choice of views is worth, per point, the best that any two of its views seeing the point are
@@ -36,6 +36,12 @@ SPACING = 0.05
 
 SHARPER = 1.25
 """A photo gives way to one near it that is so many times as sharp."""
+
+PLENTY = 48
+"""Photos that a capture has, if there are as many, though fewer would do (docs/lab/depth.md has what they are worth)."""
+
+NEAREST = 0.01
+"""Beside one that is taken, so near, a photo adds nothing."""
 
 FEWEST = 4
 """Photos that a capture has at least, however near to each other they lie."""
@@ -72,7 +78,7 @@ def needed_views(
     nearest = np.zeros(len(useful), np.int64)  # which one that is
     while len(taken) < min(count or len(useful), len(useful)):
         farthest = int(apart.argmax())
-        if not apart[farthest] > 0 or (count is None and apart[farthest] < SPACING and len(taken) >= FEWEST):
+        if not apart[farthest] > 0 or (count is None and apart[farthest] < _least_apart(len(taken))):
             break
         distance = np.linalg.norm(places - places[farthest], axis=1)
         nearest[distance < apart] = len(taken)
@@ -87,6 +93,11 @@ def needed_views(
             if others and sharp[best] > SHARPER * sharp[taken[n]]:
                 taken[n] = best
     return sorted(int(useful[i]) for i in taken)
+
+
+def _least_apart(taken: int) -> float:
+    """How far from all that are taken the next one has to lie, where nobody says how many are wanted."""
+    return 0 if taken < FEWEST else NEAREST if taken < PLENTY else SPACING
 
 
 def _beside(apart: NDArray, is_here: NDArray) -> list[int]:
