@@ -30,13 +30,14 @@ def add_options(
 def add_option(container: Container, name: str, option: Option) -> None:
     """Add an option, and `--no-…` where it can be off."""
     word = name.replace("_", "-")
-    if not option.metavar:
+    if not option.metavar and option.off is None:
         container.add_argument(f"--{word}", action="store_true", help=option.help)
         return
     about: dict[str, Any] = {"choices": [str(choice) for choice in option.choices]} if option.choices else {}
     if option.usual is not None:
         about |= {"nargs": "?", "const": True}
-    container.add_argument(f"--{word}", metavar=option.metavar, help=option.help, **about)
+    if option.metavar:
+        container.add_argument(f"--{word}", metavar=option.metavar, help=option.help, **about)
     if option.off is not None:
         container.add_argument(f"--no-{word}", dest=name, action="store_const", const=option.off, help=option.off_help)
 

@@ -31,9 +31,9 @@ SOURCES = 5
 FORWARD = 3
 """Of these, whose maps are tried."""
 
-PASSES = 2
+PASSES = 4
 
-MARGIN = 0.15
+MARGIN = 0.1
 """By so much a plane has to be cheaper than the network's at the end for a pixel to leave that."""
 
 BELOW, ABOVE = 0.8, 1.1

@@ -78,7 +78,7 @@ def encode(
     request = replace(request, like=request.example())
     scene = prepared(request, told)
     model, whole = request.model, request.mode != DEFAULT_MODE
-    way = Way.of(scene, model, tools.store, threads=tools.threads, whole=whole)
+    way = Way.of(scene, model, tools.store, threads=tools.threads, whole=whole, joint=request.joint)
     refinement = chosen(request, scene, way, told)
     plan = planned(scene, is_refined=bool(refinement), is_usual=request.is_usual and not whole)
     if is_worth_saying(plan, len(scene.frames)):

@@ -156,6 +156,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
     near: float | None
     far: float | None
     refine: Refinement | int | str | None
+    joint: bool
     mode: str
     poses: StrPath | None
     first_number: int
@@ -195,6 +196,10 @@ class EncodeRequest(Noted, Coding):
         off_help="as the network made them; captures are refined",
     )
     """None as `recipe.refinement.chosen` has it."""
+    joint: bool = option(
+        words.flag, True, group=VIDEO, off=False, help="", off_help="depths as the network finds them, for measuring"
+    )
+    """Whether all photos of a capture agree on depth; see `Runtime.predict`."""
     mode: str = option(
         words.text, DEFAULT_MODE, metavar="MODE", choices=CHOICES, help=f"the file has: {', '.join(CHOICES)}"
     )
