@@ -36,6 +36,9 @@ PASSES = 4
 MARGIN = 0.1
 """By so much a plane has to be cheaper than the network's at the end for a pixel to leave that."""
 
+CLEAN = 1
+"""Radius of the medians of what is found, pixels: on what has no texture there are speckles."""
+
 BELOW, ABOVE = 0.8, 1.1
 """How far beyond what the network found in all of a photo inverse depths may go, as factors; beyond the far plane by
 another 0.3 of it."""
@@ -94,7 +97,7 @@ def joint_depth(
             return
         none = np.zeros((0, height, width), np.float32)
         now, before = (_search(v, _sloped(maps), none, 0, 1) for maps in (found[v], inverse[v]))
-        planes[v, 0] = np.where(before - now < MARGIN, inverse[v], found[v])
+        medians(np.where(before - now < MARGIN, inverse[v], found[v]), CLEAN, planes[v, 0])
 
     def _search(v: int, its_planes: NDArray, candidates: NDArray, low: float, high: float) -> NDArray:
         spent = np.zeros((height, width), np.float32)
