@@ -52,7 +52,7 @@ def test_each_photo_is_read_once_and_counted_once(scene: TracedScene) -> None:
 
     heard = Heard()
     found = predict_each(read, scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras), heard)
-    assert sorted(asked) == list(range(VIEWS)) and heard.passed == {"photos": VIEWS}
+    assert sorted(asked) == list(range(VIEWS)) and heard.passed == {"depth": VIEWS, "photos": VIEWS}
     assert found.cameras == scene.cameras and found.opacities.shape == (VIEWS, 50, 70)
     assert all(layer.opacities.shape[0] == VIEWS for layer in found.layers)
     check_depths(found, scene, range(VIEWS))

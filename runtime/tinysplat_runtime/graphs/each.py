@@ -51,7 +51,7 @@ def predict_each(
         near, far: depths between which the scene lies, scene units.
         stages: opened graphs by name.
         groups: in which every photo is kept once, beside its partners.
-        told: is told of each photo.
+        told: is told of each photo, once its depth is found and once it is done.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does, for the step in which photos
             agree on depth; None leaves that out.
 
@@ -67,12 +67,12 @@ def predict_each(
             stars[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
     capture = _Capture(read, cameras, near, far, stages, stars)
     order = [v for group in groups for v in group.kept]
-    for view in told.progress("photos", order):
+    for view in told.progress("depth", order):
         capture.estimated(view)
     if run_jobs is not None:
-        capture.agree(run_jobs)
+        capture.agree(run_jobs, told)
     alone = [Group((v,), (v,)) for v in order]
-    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]))
+    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), told)
 
 
 class _Capture:
@@ -147,7 +147,7 @@ class _Capture:
         )
         scratch.set_aside(self.images, *self.estimates.values())
 
-    def agree(self, run_jobs: Callable) -> None:
+    def agree(self, run_jobs: Callable, told: Told) -> None:
         """Correct depths of all photos, of which every one is estimated, until they agree."""
         from .joint import doubled, joint_depth  # needs numba
 
@@ -163,7 +163,7 @@ class _Capture:
             scratch.set_aside(inverse, colours, levels, self.images)
         size = np.array([[padded_to[1]], [padded_to[0]], [1.0]])
         Ks = np.stack(self.units).astype(np.float64) * size
-        found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs)
+        found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs, told)
         rest = [(0, padded_to[0] - height), (0, padded_to[1] - width)]
         for v in range(views):
             maps = np.pad(found[v], rest, mode="edge")

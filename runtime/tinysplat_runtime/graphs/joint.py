@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..scene.cameras import Camera
 from ..scene.neighbours import Neighbours
 from ..system import scratch
+from ..system.told import NOBODY, Told
 from .kernels_joint import medians, put, search
 
 SOURCES = 5
@@ -55,6 +56,7 @@ def joint_depth(
     near: float,
     far: float,
     run_jobs: Callable,
+    told: Told = NOBODY,
 ) -> NDArray:
     """Correct the inverse depths of a capture's photos.
 
@@ -65,6 +67,7 @@ def joint_depth(
         cameras: where the photos were taken.
         near, far: depths between which the scene lies, scene units.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does.
+        told: is told of each pass.
 
     Returns:
         (V, h, w) float32; photos without a partner as they were.
@@ -120,7 +123,7 @@ def joint_depth(
         return spent
 
     run_jobs(started, range(views))
-    for _ in range(PASSES):
+    for _ in told.progress("depth of all", range(PASSES)):
         run_jobs(searched, range(views))
         for v in range(views):
             found[v] = planes[v, 0]
