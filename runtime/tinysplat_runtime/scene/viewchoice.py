@@ -38,7 +38,7 @@ SHARPER = 1.25
 """A photo gives way to one near it that is so many times as sharp."""
 
 PLENTY = 48
-"""Photos that a capture has, if there are as many, though fewer would do (docs/lab/depth.md has what they are worth)."""
+"""Photos that a capture has, if there are as many, though fewer would do."""
 
 NEAREST = 0.01
 """Beside one that is taken, so near, a photo adds nothing."""
