@@ -272,6 +272,7 @@ class Page {
     this.opening = opening ?? new AbortController();
     find("open").hidden = find("fault").hidden = true;
     find("cover").classList.remove("done");
+    delete document.body.dataset.whole;
     find("status").textContent = "Loading …";
     if (name) document.title = find("name").textContent = name;
     return this.opening.signal;

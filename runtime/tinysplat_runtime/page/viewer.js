@@ -83,6 +83,7 @@ export class Viewer {
   lose() {
     this.splats?.stop();
     this.splats = null;
+    this.isNew = true;
   }
 
   // Whether a frame has to be drawn.
