@@ -142,7 +142,7 @@ def _strip(data: bytes) -> _Stripped:
         return _Stripped("heic", data, width, height, is_16_bit=False, orientation=1, colours=None)
     other = next((name for name, start in _OTHERS.items() if re.match(start, data, re.DOTALL)), None)
     fault = f"{other}, expected" if other else f"starts with {data[:4].hex(' ') or 'nothing'}, expected"
-    raise InputError(f"{fault} a JPEG or PNG image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
+    raise InputError(f"{fault} a JPEG, PNG or HEIC image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
 
 
 def _strip_png(data: bytes) -> _Stripped:

@@ -8,7 +8,7 @@ A few photos for one scene are chosen by what they see (`choose_views`). Points 
 between near and far. A choice of views is worth, per point, the best that any two of its views seeing the point are
 worth to stereo: nothing at the same place, everything where their rays meet at GOOD_ANGLES, falling to nothing at
 MAX_ANGLE. Views are added greedily, one or a pair at a time, whichever gains more per view, so that coverage and
-baseline are weighed by one number. Each lies within `MAX_ANGLE` of one that was chosen before, so that no gap is left
+baseline are weighed by one number. Each lies within `MAX_GAP` of one that was chosen before, so that no gap is left
 between them; views of another place, which nothing joins to those, begin anew.
 """
 
@@ -27,6 +27,9 @@ from .spacing import GOOD_ANGLES, MAX_ANGLE
 
 MIN_ANGLE = 0.1
 """Degrees at which a pair is worth nothing, as at `MAX_ANGLE`."""
+
+MAX_GAP = 45.0
+"""Degrees that a view may lie from the others that are chosen, where one in between can be had."""
 
 MAX_CANDIDATES = 64
 """More photos than these are thinned evenly in capture order first."""
@@ -180,7 +183,7 @@ def _best_addition(
 def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> tuple[NDArray, NDArray]:
     """What each pair is worth at each point, (C, C, P) float32, 0 where one of them does not see it; whether it joins.
 
-    A pair joins (C, C) that shows something in common, most of it within `MAX_ANGLE`.
+    A pair joins (C, C) that shows something in common, most of it within `MAX_GAP`.
     """
     points = np.concatenate([points_seen(camera, near, far) for camera in cameras])  # (P, 3)
     rays = np.stack([points - camera.centre for camera in cameras])  # (C, P, 3)
@@ -195,5 +198,5 @@ def _pair_values(cameras: Sequence[Camera], near: float, far: float) -> tuple[ND
         worth = np.minimum(rise, fall).clip(0, 1)
         both = seen & visible
         values[i] = worth * both
-        joins[i] = 2 * (both & (angle < MAX_ANGLE)).sum(axis=1) > np.maximum(both.sum(axis=1), COMMON * visible.sum())
+        joins[i] = 2 * (both & (angle < MAX_GAP)).sum(axis=1) > np.maximum(both.sum(axis=1), COMMON * visible.sum())
     return values, joins & joins.T
