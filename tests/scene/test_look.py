@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.recipe.doubts import doubts
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.lenses import opencv_lens
 from tinysplat_runtime.scene.look import agreed, look_at, neighbours, range_guessed, range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
@@ -322,6 +324,12 @@ def test_photos_that_agree_about_no_depth_have_no_range(scene: Scene) -> None:
     for images, cameras in ((noise, scene.cameras), (scene.images(), [scene.cameras[0]] * 2)):
         with pytest.raises(ts.InputError):
             range_seen(images, cameras)
+
+
+def test_where_photos_agree_about_no_depth_the_cause_is_named(tmp_path: Path) -> None:
+    scene = dataclasses.replace(walls(tmp_path, CONVERGING, {1: np.zeros_like}), near=None, far=None)
+    with pytest.raises(ts.InputError, match=r"no depth.*photo 2 \(1.png\) is of one colour"):
+        prepared(EncodeRequest(scene))
 
 
 @pytest.mark.parametrize("unit", [1, 50])

@@ -21,6 +21,7 @@ from ..scene.scenes import Frame, Scene
 from ..scene.spacing import Spacing
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
 from ..system.told import NOBODY, Told
+from .doubts import OF_NO_RANGE, doubts
 from .request import EncodeRequest
 from .words import ALL, AutoViews, shown
 
@@ -206,7 +207,10 @@ def _with_range(scene: Scene, told: Told) -> Scene:
     """The scene between the depths that its photos agree about, where it states none."""
     if scene.near is not None and scene.far is not None:
         return scene
-    near, far = _range_seen(scene, told)
+    try:
+        near, far = _range_seen(scene, told)
+    except InputError as error:
+        raise _caused(error, scene) from None
     near, far = scene.near or near, scene.far or far
     if not near < far:
         raise InputError(
@@ -230,6 +234,16 @@ def _range_seen(scene: Scene, told: Told) -> tuple[float, float]:
         return range_seen(small.images(told), small.cameras, told)
     except InputError as error:
         raise error.within(str(scene.path)) from None
+
+
+def _caused(error: InputError, scene: Scene) -> InputError:
+    """An error of photos that agree about no depth, with what is wrong with one of them or with their cameras."""
+    near, far = range_guessed(scene.cameras)
+    try:
+        causes = doubts(replace(scene, near=near, far=far, is_estimated=True), kinds=OF_NO_RANGE)
+    except InputError:  # photos of several sizes, or cameras that a guess does not do for
+        causes = []
+    return InputError("; ".join([error.message, *causes[:1]]), where=error.where)
 
 
 def _say_wide(scene: Scene, told: Told) -> None:

@@ -160,7 +160,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) 
         if not agreed.size or np.median(agreed) < DISTANT * apart_most or least > extent:
             break
     if agreed.size < 0.02 * 2 * len(pairs) * images.shape[1] * images.shape[2]:
-        raise InputError("the photos agree about no depth; give --near and --far (and look at the poses)")
+        raise InputError("the photos agree about no depth; --near and --far state it")
     if np.median(agreed) > BARELY * apart_most:
         raise InputError("the photos show no depth: the cameras only turn, or hardly move for what they look at")
     low, high = np.percentile(agreed, _PERCENTILES)

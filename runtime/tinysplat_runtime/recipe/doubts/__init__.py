@@ -10,7 +10,7 @@ seen.py        what all of them look at
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from ...scene.scenes import Scene
 from ...system.told import NOBODY, Told
@@ -35,12 +35,17 @@ KINDS: tuple[Callable[[Seen], list[str]], ...] = (
 """Each gives a line for what it finds; the likeliest cause of what others would see comes first."""
 
 
-def doubts(scene: Scene, told: Told = NOBODY) -> list[str]:
+OF_NO_RANGE = tuple(kind for kind in KINDS if kind not in (range_of_corners, range_doubts))
+"""Those that ask for no depths."""
+
+
+def doubts(scene: Scene, told: Told = NOBODY, kinds: Sequence[Callable[[Seen], list[str]]] = KINDS) -> list[str]:
     """What is likely wrong with a scene, a line each: its cameras, a photo, its depth range; the likeliest first.
 
     Args:
         scene: the photos as the network will have them.
         told: is told of each photo.
+        kinds: of evidence that are looked at.
     """
     seen = Seen.of(scene, told)
-    return next((lines for kind in KINDS if (lines := kind(seen))), [])
+    return next((lines for kind in kinds if (lines := kind(seen))), [])
