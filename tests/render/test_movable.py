@@ -15,7 +15,6 @@ from scenes import make_gaussians
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import SH_RED
-from tinysplat_runtime.system.scratch import Shelf
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map
@@ -54,7 +53,7 @@ def test_what_lies_on_disk_moves_as_what_lies_in_memory(tmp_path: Path, monkeypa
 
     def corrected(folder: Path) -> Gaussians:
         monkeypatch.setenv("TMPDIR", str(folder))
-        field = MovableGaussians(scene, RUN, shelf=Shelf(0))
+        field = MovableGaussians(scene, RUN)
         for camera in scene.cameras[::3] * 2:
             gradients = {grid: grid.zeros() for grid in field.grids[2:6]}
             field.measure(Target(camera, photo), shares=field.shares(camera), gradients=gradients)

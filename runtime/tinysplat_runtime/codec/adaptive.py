@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import CODING_ORDER, MAX_CODE, Channel, LayerPlan, PlaneClass, Reduction, hevc_step
 from ..graphs.inference import GraphStore
-from ..system import scratch
+from ..system import disk
 from ..system.blas import product, symmetric_eigen
 from .analysis import ProjectedLayer, blocks, coefficient_moment, color_planes, relative_rotation_planes
 from .basis import (
@@ -101,7 +101,7 @@ def class_step(settings: AdaptiveSettings, plane_class: PlaneClass) -> float:
 def take_geometry(projected: ProjectedLayer) -> LayerGeometry:
     """VPT's planes as they are coded, in the very memory of `projected`, which is not to be used any more."""
     depth, scales = projected.planes(PlaneClass.DEPTH), projected.planes(PlaneClass.SCALE)
-    for of_view in scratch.by_view(depth):
+    for of_view in depth:
         np.divide(-1, of_view, out=of_view)
     mix = _turn_to_principal(scales)
     vectors = projected.planes(PlaneClass.ROTATION)[:, 1:]
@@ -126,8 +126,8 @@ def prepare_layer(
     degree = needed_degree(moment, directions, layer.degree, settings.energy_floor * finest**2)
     functions = (degree + 1) ** 2
     if degree < layer.degree:
-        sh = scratch.zeros((*layer.opacities.shape, functions, 3))
-        for fewer, every in zip(scratch.by_view(sh), scratch.by_view(layer.sh), strict=True):
+        sh = disk.zeros((*layer.opacities.shape, functions, 3))
+        for fewer, every in zip(sh, layer.sh, strict=True):
             fewer[:] = every[..., :functions, :]
         # a look at every number takes 8 ms
         layer = layer.changed(sh=sh, extra_layers=())
@@ -282,15 +282,15 @@ def _truncated(layer: AdaptiveLayer, k: int) -> Reduction:
 
 def _turn_to_principal(scales: NDArray) -> tuple[NDArray, NDArray]:
     """Turn ŝ (V, 3, H, W) in place to its principal axes, and return the map back: ŝ = mix · planes + mean."""
-    means = [of_view.mean(axis=(1, 2), dtype=np.float64) for of_view in scratch.by_view(scales)]
+    means = [of_view.mean(axis=(1, 2), dtype=np.float64) for of_view in scales]
     mean = np.mean(means, axis=0).astype(np.float32)
     moment = np.zeros((3, 3))
-    for view, block in blocks(scales.shape, scales):
+    for view, block in blocks(scales):
         centred = (scales[view, :, block] - mean[:, None, None]).reshape(3, -1).astype(np.float64)
         moment += product(centred, centred.T)
     _, vectors = symmetric_eigen(moment)
     vectors = (vectors * leading_signs(vectors))[:, ::-1].astype(np.float32)
-    for view, block in blocks(scales.shape, scales):
+    for view, block in blocks(scales):
         centred = scales[view, :, block] - mean[:, None, None]
         scales[view, :, block] = product(vectors.T, centred.reshape(3, -1)).reshape(centred.shape)
     return vectors, mean

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..gaussian.planes import GEOMETRY, PlaneClass
 from ..gaussian.quaternions import conjugate_quats, left_multiplication_matrices, matrices_to_quats
 from ..graphs.inference import GraphStore, as_input
 from ..scene.cameras import Camera
-from ..system import scratch
+from ..system import disk
 from ..system.blas import product, symmetric_eigen
 from .basis import leading_signs
 
@@ -61,7 +61,7 @@ def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, wh
         NumericError: Gaussians with z ≤ 0, or with a plane beyond MAX_PLANE, named by view and count.
     """
     geometry, moment = _projected(store, layer)
-    valid = np.stack([_is_valid(planes) for planes in scratch.by_view(geometry)])
+    valid = np.stack([_is_valid(planes) for planes in geometry])
     if not valid.all():
         _handle_invalid(geometry, valid, drop_invalid, where)
         if not np.isfinite(moment).all():
@@ -69,7 +69,7 @@ def project_layer(store: GraphStore, layer: Gaussians, *, drop_invalid: bool, wh
     reference = _dominant_quats(moment)
     rotation = geometry[:, GEOMETRY[PlaneClass.ROTATION]]
     # q and -q are the same rotation: the sign nearer to the reference keeps planes free of jumps.
-    for quats, towards in zip(scratch.by_view(rotation), reference.astype(np.float32), strict=True):
+    for quats, towards in zip(rotation, reference.astype(np.float32), strict=True):
         similarity = np.einsum("c,chw->hw", towards, quats)
         quats *= np.where(similarity < 0, np.float32(-1), np.float32(1))
     return ProjectedLayer(geometry, reference)
@@ -81,9 +81,9 @@ def _projected(store: GraphStore, layer: Gaussians) -> tuple[NDArray, NDArray]:
     What lies between input and planes then stays in a processor's cache, and takes no memory that grows.
     """
     views, height, width = layer.opacities.shape
-    geometry, moments = scratch.zeros((views, 11, height, width)), np.zeros((views, 4, 4), np.float32)
+    geometry, moments = disk.zeros((views, 11, height, width)), np.zeros((views, 4, 4), np.float32)
     graph, fixed = store.transform("analysis_vpt"), [_fixed_inputs(camera, layer.origin) for camera in layer.cameras]
-    for view, block in blocks(geometry.shape, geometry, *(getattr(layer, name) for name in FIELDS)):
+    for view, block in blocks(geometry):
         K = layer.cameras[view].K.copy()
         K[1, 2] -= block.start
         inputs = {name: getattr(layer, name)[view : view + 1, block] for name in FIELDS if name != "sh"}
@@ -116,7 +116,7 @@ def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray, out:
     left = left_multiplication_matrices(conjugate_quats(reference)).astype(np.float32)
     rotation = projected.planes(PlaneClass.ROTATION)
     vector = np.empty_like(rotation[:, 1:]) if out is None else out
-    for view, block in blocks(rotation.shape, rotation, vector):
+    for view, block in blocks(rotation):
         quats = rotation[view, :, block]
         relative = product(left[view], quats.reshape(4, -1)).reshape(quats.shape)
         np.negative(relative[1:], out=relative[1:], where=relative[:1] < 0)
@@ -124,16 +124,13 @@ def relative_rotation_planes(projected: ProjectedLayer, reference: NDArray, out:
     return vector
 
 
-def blocks(shape: Sequence[int], *arrays: NDArray) -> Iterator[tuple[int, slice]]:
-    """Views of planes (V, C, H, W) and rows of each, about `BLOCK_PIXELS` at a time; arrays that are worked on so are
-    set aside behind every view.
-    """
-    views, height, width = shape[0], shape[-2], shape[-1]
+def blocks(planes: NDArray) -> Iterator[tuple[int, slice]]:
+    """Views of planes (V, C, H, W) and rows of each, about `BLOCK_PIXELS` at a time."""
+    views, _, height, width = planes.shape
     rows = max(BLOCK_PIXELS // width, 1)
     for view in range(views):
         for first in range(0, height, rows):
             yield view, slice(first, min(first + rows, height))
-        scratch.set_aside(*arrays)
 
 
 def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
@@ -144,8 +141,7 @@ def coefficient_moment(store: GraphStore, layer: Gaussians) -> NDArray:
     Raises:
         NumericError: a coefficient whose square would leave float32.
     """
-    with scratch.passing(layer.sh):
-        moment = store.transform("analysis_moment").run({"sh": layer.sh})["moment"].astype(np.float64)
+    moment = store.transform("analysis_moment").run({"sh": layer.sh})["moment"].astype(np.float64)
     if not np.abs(moment).max() <= MAX_SH**2:
         index = np.unravel_index(int(np.abs(layer.sh).argmax()), layer.sh.shape)
         found = f"a coefficient of {layer.sh[index]:.3g}, at most {MAX_SH:g} can be coded"
@@ -159,9 +155,9 @@ def color_planes(store: GraphStore, layer: Gaussians, projection: NDArray) -> ND
     arXiv 2506.09479, basis reduction: Z = WᵀΔX with projection = (WᵀΔ)ᵀ.
     """
     views, height, width = layer.opacities.shape
-    planes = scratch.zeros((views, projection.shape[1], height, width))
+    planes = disk.zeros((views, projection.shape[1], height, width))
     graph, mix = store.transform("analysis_project"), as_input(projection)
-    for view, block in blocks(planes.shape, planes, layer.sh):
+    for view, block in blocks(planes):
         planes[view, :, block] = graph.run({"sh": layer.sh[view : view + 1, block], "projection": mix})["color"][0]
     return planes
 

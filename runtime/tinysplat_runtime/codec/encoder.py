@@ -19,7 +19,7 @@ from ..container.records import CodedChannel, Limits
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
-from ..system import scratch
+from ..system import disk
 from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, encode_plane
 from .job import EncodeStats, Job, PlaneCoder, check_qp
@@ -190,7 +190,6 @@ class _Coding:
 
         def code(view: int) -> tuple[CodedPlane, int]:
             codes, clipped = mapped.codes(view)
-            scratch.set_aside(mapped.channel.values)
             return self._coder(codes, code_map.qp, None if offsets is None else offsets[view]), clipped
 
         return [self._pool.submit(code, view) for view in range(len(mapped.channel.values))]
@@ -220,12 +219,11 @@ class _Coding:
 def _refine(base: MappedChannel, coded: Sequence[CodedPlane], step: float, pool: ThreadPoolExecutor) -> MappedChannel:
     """What coding left of the base channel, as a channel of its own: it adds to the same target."""
     values, code_map = base.channel.values, base.code_map
-    rest = scratch.zeros(values.shape)
+    rest = disk.zeros(values.shape)
 
     def decode(view: int) -> None:
         decoded = coded[view].decoded(*values.shape[1:])
         np.subtract(values[view], code_map.dequantise(decoded), out=rest[view])
-        scratch.set_aside(values, rest)
 
     list(pool.map(decode, range(len(coded))))
     return map_channel(replace(base.channel, values=rest, step=step, window=extent(rest)))

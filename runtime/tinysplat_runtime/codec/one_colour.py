@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.sh import C0, sh_degree, sh_terms
 from ..scene.cameras import Camera
-from ..system import scratch
+from ..system import disk
 
 AVERAGED = 2
 """Cameras whose view of a Gaussian becomes its colour: its own and the one nearest to that."""
@@ -49,7 +49,7 @@ def as_seen(layer: Gaussians, budget: float) -> Gaussians | None:
         if not disagreement(layer) <= budget:  # also when it is no number
             return None
         is_finite = True
-        sh = scratch.zeros((*layer.opacities.shape, 1, 3))
+        sh = disk.zeros((*layer.opacities.shape, 1, 3))
         for view, cameras in enumerate(nearest_cameras(layer.cameras)):
             centres = _centres(layer, cameras[:AVERAGED])
             rows = max(1, _STRIP_PX // sh.shape[2])
@@ -58,7 +58,6 @@ def as_seen(layer: Gaussians, budget: float) -> Gaussians | None:
                 colors = _seen_from(layer.means[view, strip], layer.sh[view, strip], centres)
                 sh[view, strip, :, 0] = colors / np.float32(C0)
             is_finite = is_finite and bool(np.isfinite(sh[view]).all())
-            scratch.set_aside(sh, layer.means, layer.sh)
     if not is_finite:
         return None
     return layer.changed(sh=sh, extra_layers=())
@@ -77,7 +76,6 @@ def disagreement(layer: Gaussians) -> float:
             squared = np.square(_seen_from(means, sh, centre[None]) - mean).sum(axis=-1)
             total += float(squared.sum(dtype=np.float64))
             count += squared.size
-        scratch.set_aside(layer.means, layer.sh)
     return total / count
 
 

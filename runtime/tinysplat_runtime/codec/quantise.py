@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.planes import MAX_CODE, hevc_step
-from ..system import scratch
 
 MID_CODE = 2048
 MAX_MAPPED_QP = 24
@@ -71,20 +70,20 @@ class CodeMap:
 
 def extent(values: NDArray) -> tuple[float, float]:
     """Smallest and largest value of planes (V, H, W)."""
-    lows, highs = zip(*((of_view.min(), of_view.max()) for of_view in scratch.by_view(values)), strict=True)
+    lows, highs = zip(*((of_view.min(), of_view.max()) for of_view in values), strict=True)
     return float(np.min(lows)), float(np.max(highs))
 
 
 def mean_of(values: NDArray) -> float:
     """Mean of planes (V, H, W) float32, in float64."""
-    return float(np.mean([of_view.mean(dtype=np.float64) for of_view in scratch.by_view(values)]))
+    return float(np.mean([of_view.mean(dtype=np.float64) for of_view in values]))
 
 
 def mean_and_spread(values: NDArray) -> tuple[float, float]:
     """Mean and standard deviation of planes (V, H, W) float32, in float64 and some rows at a time."""
     mean = mean_of(values)
     rows, squares = max(_VALUES_AT_A_TIME // values.shape[2], 1), 0.0
-    for of_view in scratch.by_view(values):
+    for of_view in values:
         for first in range(0, len(of_view), rows):
             rest = np.subtract(of_view[first : first + rows], mean, dtype=np.float64).ravel()  # numpy 1 takes float32
             squares += float(np.einsum("i,i", rest, rest))  # no BLAS, whose last bits depend on threads
@@ -141,7 +140,7 @@ def without_outliers(values: NDArray, low: float, high: float, step: float) -> t
 def _extremes(values: NDArray, rank: int) -> tuple[float, float]:
     """The number of that rank from the smallest, and from the largest; planes (V, H, W) are gone through by view."""
     least = most = np.empty(0, values.dtype)
-    for part in scratch.by_view(values) if values.ndim > 2 else [values]:
+    for part in values if values.ndim > 2 else [values]:
         low, high = (np.concatenate([kept, part.ravel()]) for kept in (least, most))
         least = np.partition(low, rank - 1)[:rank] if len(low) > rank else low
         most = np.partition(high, -rank)[-rank:] if len(high) > rank else high

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import Group, view_places
-from ..system import scratch
+from ..system import disk
 from ..system.told import NOBODY, Told
 from .exposure import Exposures, Pair, one_exposure
 from .inference import Graph, as_input
@@ -98,12 +98,12 @@ class _Capture:
                 raise InputError(error.message, where=(error.where or "images").replace("[0]", f"[{v}]")) from None
             grown, K = padded(images, [camera], limits)
             if not v:
-                self.photos = scratch.zeros((len(cameras), *grown.shape[1:]), np.uint16)
+                self.photos = disk.zeros((len(cameras), *grown.shape[1:]), np.uint16)
             self.photos[v] = np.rint(grown[0] * np.float32(65535))
             self.units.append(as_input(K[0]))
             cells.append(_means(self._planes(v), CELL))
         views, height, width, _ = self.photos.shape
-        self.images = scratch.zeros((views, 3, height, width))  # in the exposure that they are matched in
+        self.images = disk.zeros((views, 3, height, width))  # in the exposure that they are matched in
         self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
         self.exposures = self._looked_at(cells)
         self.made: dict[tuple[str, int], dict[str, NDArray]] = {}
@@ -145,7 +145,6 @@ class _Capture:
             agreements=self.estimates["agreement"][list(star), 0],
             **{name: self.estimates[name][view] for name in ("features", "coarse_features", "full", "clues")},
         )
-        scratch.set_aside(self.images, *self.estimates.values())
 
     def agree(self, run_jobs: Callable, told: Told) -> None:
         """Correct depths of all photos, of which every one is estimated, until they agree."""
@@ -155,12 +154,11 @@ class _Capture:
         views, _, _, *padded_to = levels.shape
         height, width = -(-camera.height // 2), -(-camera.width // 2)  # no photo shows what it is padded with
         offset, span = np.concatenate(self.ranges).T[:, :, None, None]
-        inverse = scratch.zeros((views, height, width))
-        colours = scratch.zeros((views, height, width, 3))
+        inverse = disk.zeros((views, height, width))
+        colours = disk.zeros((views, height, width, 3))
         for v in range(views):
             inverse[v] = offset[v] + span[v] * levels[v, 0, 0, :height, :width]
             colours[v] = _means(self.images[v : v + 1], 2)[0, :, :height, :width].transpose(1, 2, 0)
-            scratch.set_aside(inverse, colours, levels, self.images)
         size = np.array([[padded_to[1]], [padded_to[0]], [1.0]])
         Ks = np.stack(self.units).astype(np.float64) * size
         found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs, told)
@@ -169,7 +167,6 @@ class _Capture:
             maps = np.pad(found[v], rest, mode="edge")
             for name, its in (("level", maps), ("full", doubled(maps))):
                 self.estimates[name][v, 0, 0] = ((its - offset[v]) / span[v]).clip(0, 1)
-            scratch.set_aside(found, *self.estimates.values())
 
     def estimated(self, view: int) -> None:
         """Find a photo's depth."""
@@ -183,9 +180,8 @@ class _Capture:
         )
         for name, maps in found.items():
             if name not in self.estimates:
-                self.estimates[name] = scratch.zeros((len(self.cameras), *maps.shape))
+                self.estimates[name] = disk.zeros((len(self.cameras), *maps.shape))
             self.estimates[name][view] = maps
-        scratch.set_aside(*self.estimates.values())
         self._let_go("match", star)
         self._let_go("half", star)
 
@@ -198,14 +194,12 @@ class _Capture:
                 image = self.exposures.matched(self._planes(u), u)
                 self.images[u] = image[0]
                 self.made["half", u] = {"half": _means(image, 2)}
-        scratch.set_aside(self.images)
         self.made["match", view] = self._run("match", view, half=self._of("half", "half", star))
         self._let_go("half", star)
 
     def _planes(self, view: int) -> NDArray:
         """(1, 3, H, W) float32 of a photo."""
         planes = (self.photos[view] * np.float32(1 / 65535)).transpose(2, 0, 1)[None]
-        scratch.set_aside(self.photos)
         return planes
 
     def _run(self, stage: str, view: int, **maps: NDArray) -> dict[str, NDArray]:

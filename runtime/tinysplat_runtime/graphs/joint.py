@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
 from ..scene.neighbours import Neighbours
-from ..system import scratch
+from ..system import disk
 from ..system.told import NOBODY, Told
 from .kernels_joint import medians, put, search
 
@@ -75,8 +75,8 @@ def joint_depth(
     sources = [partners[:SOURCES] for partners in Neighbours.of(cameras, near, far).partners]
     views, height, width = inverse.shape
     terms = [_terms(v, sources[v], cameras, Ks) for v in range(views)]
-    planes = scratch.zeros((views, 3, height, width))
-    found = scratch.zeros(inverse.shape)
+    planes = disk.zeros((views, 3, height, width))
+    found = disk.zeros(inverse.shape)
 
     def of(v: int) -> list[int]:
         return [v, *sources[v]]
@@ -119,7 +119,6 @@ def joint_depth(
             np.float32(high),
             spent,
         )
-        scratch.set_aside(colours, found, inverse)
         return spent
 
     run_jobs(started, range(views))
@@ -127,7 +126,6 @@ def joint_depth(
         run_jobs(searched, range(views))
         for v in range(views):
             found[v] = planes[v, 0]
-        scratch.set_aside(found, planes)
     run_jobs(settled, range(views))
     return planes[:, 0]
 

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import GROUP, Group, Neighbours, grouped
-from ..system import scratch
+from ..system import disk
 from ..system.told import NOBODY, Told
 from .inference import Graph
 from .predict import NetworkLimits, origin_of, predict
@@ -87,7 +87,7 @@ def predict_groups(
         predicted = run(group.views)
         if not joined:
             joined = [
-                {name: scratch.zeros((len(cameras), *getattr(layer, name).shape[1:])) for name in FIELDS}
+                {name: disk.zeros((len(cameras), *getattr(layer, name).shape[1:])) for name in FIELDS}
                 for layer in predicted.layers
             ]
             seen_by = [[None] * len(cameras) for _ in joined]
@@ -100,7 +100,6 @@ def predict_groups(
                 if shift.any():
                     arrays["means"][view] = layer.means[at] + shift
                 its[view] = layer.cameras[at]
-            scratch.set_aside(*arrays.values())
     layers = [
         Gaussians.unchecked(**arrays, cameras=tuple(its), origin=origin)
         for arrays, its in zip(joined, seen_by, strict=True)

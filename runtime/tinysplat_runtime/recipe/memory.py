@@ -10,8 +10,8 @@ from ..graphs.enlarge import LARGE_PIXELS
 from ..graphs.ways import OneByOne, SmallCopies, Way
 from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
+from ..system.disk import HELD_BYTES, room
 from ..system.memory import available_bytes
-from ..system.scratch import SHELF_BYTES, room
 from .prepare import ALL_VIEWS
 
 BYTES_AT_ALL = 250_000_000
@@ -75,7 +75,7 @@ def check_memory(scene: Scene, way: Way | None = None, *, mode: str = DEFAULT_MO
         aside = ASIDE_BYTES_PER_PIXEL if pixels <= disk else None
         taken = [0.0]
         if refined and aside and together < views:
-            taken.append(SHELF_BYTES + REFINED_VIEW_BYTES_PER_PIXEL * pixels / views + aside * pixels)
+            taken.append(HELD_BYTES + REFINED_VIEW_BYTES_PER_PIXEL * pixels / views + aside * pixels)
         elif refined:
             taken.append((REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL) * pixels)
         if enlarger is None or pixels <= views * LARGE_PIXELS:

@@ -19,7 +19,7 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render.gradient import MovableGaussians, Target
 from ..render.kernels_gradient import VALUES
 from ..scene.cameras import Camera
-from ..system import scratch
+from ..system import disk
 from .settings import LIMITS
 
 
@@ -63,9 +63,8 @@ def lacking_alike(targets: Sequence[Target], pictures: NDArray, moving: MovableG
         moving: the copy.
     """
     shown, found = np.empty((*pictures.shape[1:3], 4), np.float32), list[Target]()
-    for target, picture in zip(targets, scratch.by_view(pictures), strict=True):
+    for target, picture in zip(targets, pictures, strict=True):
         half = halved_target(target)
-        scratch.set_aside(target.photo)
         moving.measure(half, shares=moving.shares(half.camera), shown=shown)
         picture[:] = half.photo + shown[..., :3] - picture
         found.append(replace(half, photo=picture))
@@ -75,7 +74,6 @@ def lacking_alike(targets: Sequence[Target], pictures: NDArray, moving: MovableG
 def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray) -> None:
     """Add a halved copy's changes to its original; `start` are the copy's first values, (6, rows) float32."""
     for whole, half in zip(field.grids, smaller.grids, strict=True):
-        field.shelf.take((whole, half))
         change = (smaller.values[:, half.rows] - start[:, half.rows]).reshape(VALUES, half.height, half.width)
         for axis, size in ((1, whole.height), (2, whole.width)):
             change = _doubled(change, axis, size)
@@ -88,8 +86,8 @@ def bring_up(field: MovableGaussians, smaller: MovableGaussians, start: NDArray)
 def _smaller(name: str, array: NDArray) -> NDArray:
     """A field (V, H, W, …) of the halved copy, of a capture on disk."""
     shape = array.shape[1] // 2, array.shape[2] // 2
-    halves = scratch.zeros((len(array), *shape, *array.shape[3:]))
-    for view, half in zip(scratch.by_view(array), scratch.by_view(halves), strict=True):
+    halves = disk.zeros((len(array), *shape, *array.shape[3:]))
+    for view, half in zip(array, halves, strict=True):
         if name == "quats":  # of the first, as turns have no mean
             half[:] = view[: 2 * shape[0] : 2, : 2 * shape[1] : 2]
         else:

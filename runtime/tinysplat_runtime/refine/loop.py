@@ -18,7 +18,7 @@ from ..render.kernels_blend import TILE_HEIGHT, TILE_WIDTH
 from ..render.kernels_gradient import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
 from ..scene.cameras import Camera
-from ..system import scratch
+from ..system import disk
 from ..system.decibels import decibels
 from . import kernels
 from .price import PlanePrice
@@ -80,18 +80,15 @@ class Loop:
         self.exposures = np.tile([1.0, 0.0], (len(sizes[0]), 1))
         self._exposure_means = np.zeros((2, *self.exposures.shape))
         views = len(sizes[0])
-        self._first, self._second = (scratch.zeros(field.values.shape, views=views) for _ in range(2))
+        self._first, self._second = (disk.zeros(field.values.shape, views=views) for _ in range(2))
         self._count, self._corrections = 0, np.zeros(views, int)  # of every view's Gaussians
         self._edges = dict[Grid, NDArray]()
         for layer in range(1 + field.grids[-1].layer):
             grids = [grid for grid in field.grids if grid.layer == layer]
-            weights = scratch.zeros((views, 2, grids[0].height, grids[0].width))
+            weights = disk.zeros((views, 2, grids[0].height, grids[0].width))
             self._edges |= {
                 grid: self._edge_weights(grid, of_view) for grid, of_view in zip(grids, weights, strict=True)
             }
-        for grid in field.grids:
-            moments = (*self._first[:, grid.rows], *self._second[:, grid.rows])
-            field.shelf.put(grid, *moments, self._edges[grid], prices[grid].planes)
         spread = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
         self.held = held_back(views, settings.held_back)
         self.judged = self.held or spread
@@ -128,7 +125,6 @@ class Loop:
             for view in views
         }
         self._corrections[list({grid.view for grid in wrong})] += 1
-        self.field.shelf.take(list(wrong))
         self._run(lambda found: self._correct(*found), wrong.items())
         for view, error in errors.items():
             self._expose(view, error)
@@ -223,7 +219,6 @@ class Loop:
 
     def _edge_weights(self, grid: Grid, weights: NDArray) -> NDArray:
         """Zeros (2, H, W), filled: how much changes of depth have to be those of the neighbours right and below."""
-        self.field.shelf.take((grid,))
         colours = self.field.values[SH_RED:, grid.rows].reshape(-1, grid.height, grid.width)
         across, down = weights
         across[:, :-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=2)).mean(axis=0))

@@ -15,7 +15,7 @@ from ..render.gradient import Target
 from ..scene.cameras import Camera
 from ..scene.matching import SAME_PLACE, reach_of, taken_as
 from ..scene.scenes import Frame, Scene
-from ..system import scratch
+from ..system import disk
 
 SAME_PIXEL = 0.5
 """Largest difference in pixels of intrinsics."""
@@ -74,8 +74,8 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
 
 def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:
     """Photos of one size, of a capture on disk."""
-    photos = scratch.zeros((len(cameras), cameras[0].height, cameras[0].width, 3))
-    for photo, frame in zip(scratch.by_view(photos), frames, strict=True):
+    photos = disk.zeros((len(cameras), cameras[0].height, cameras[0].width, 3))
+    for photo, frame in zip(photos, frames, strict=True):
         photo[:] = frame.image()
         if not np.isfinite(photo).all():
             raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")

@@ -13,7 +13,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import PlaneClass
 from ..render.gradient import Grid
 from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
-from ..system import scratch
+from ..system import disk
 from . import kernels
 
 _DEPTH_FINER = 0.5
@@ -70,8 +70,8 @@ def plane_prices(
     steps = depth, scale / shown_width(size, settings)
     prices = dict[Grid, PlanePrice]()
     for layer in gaussians.layers:
-        kept = scratch.zeros((views, 2, *layer.opacities.shape[1:]))
-        for view, planes in enumerate(scratch.by_view(kept)):
+        kept = disk.zeros((views, 2, *layer.opacities.shape[1:]))
+        for view, planes in enumerate(kept):
             for plane, values, step in zip(planes, _planes(layer, view), steps, strict=True):
                 plane[:] = values / step
             prices[grids[len(prices)]] = PlanePrice(planes, opacity, color, bit)
@@ -84,5 +84,4 @@ def _planes(layer: Gaussians, view: int) -> tuple[NDArray, NDArray]:
     z = (layer.means[view] - (camera.centre - layer.origin)) @ camera.rotation[2]
     inverse = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)  # nothing is coded of what has no depth
     size = layer.scales[view].mean(axis=-1) * camera.focal * inverse
-    scratch.set_aside(layer.means, layer.scales)
     return inverse, size

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
-from ..system import scratch
+from ..system import disk
 from ..system.decibels import decibels
 from ..system.told import NOBODY, Told
 from .coarse import bring_up, halved, halved_picture, lacking_alike
@@ -97,8 +97,8 @@ class Refining:
         begun = time.perf_counter()
         height, width = self._sizes[0][0].photo.shape[:2]
         shown, errors = np.empty((height, width, 4), np.float32), []
-        self._halved = scratch.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
-        for target, half in zip(self._sizes[0], scratch.by_view(self._halved), strict=True):
+        self._halved = disk.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
+        for target, half in zip(self._sizes[0], self._halved, strict=True):
             errors.append(moving.measure(target, shares=moving.shares(target.camera), shown=shown))
             half[:] = halved_picture(shown[..., :3])
         each = (time.perf_counter() - begun) / len(errors)
@@ -216,15 +216,13 @@ class Refining:
         """To a smaller copy."""
         assert self._loop is not None
         gaussians, run_jobs = halved(self._start), self._told[2]
-        moving = MovableGaussians(gaussians, run_jobs, shelf=self._loop.field.shelf)
+        moving = MovableGaussians(gaussians, run_jobs)
         targets = lacking_alike(self._sizes[0], self._halved, moving)
         settings = settings_for(len(gaussians.cameras), below=True)
         loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs)
-        start = scratch.zeros(moving.values.shape, views=len(gaussians.cameras))
+        start = disk.zeros(moving.values.shape, views=len(gaussians.cameras))
         for grid in moving.grids:
-            moving.shelf.take((grid,))
             start[:, grid.rows] = moving.values[:, grid.rows]
-            moving.shelf.put(grid, *start[:, grid.rows])
         self._smaller = _Smaller(loop, start)
         return self._smaller
 
@@ -266,7 +264,6 @@ def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | Non
     """The first photo that shows something else than the Gaussians; None where all show them."""
     for view, (error, target) in enumerate(zip(errors, targets, strict=True)):
         variance = float(((target.photo - target.photo.mean((0, 1))) ** 2).sum())
-        scratch.set_aside(target.photo)
         if 1 - error.squared / (variance + 1e-9) < SAME_PICTURE:
             return view
     return None

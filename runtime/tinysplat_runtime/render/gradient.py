@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..gaussian.footprints import own_pixels
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
-from ..system import scratch
+from ..system import disk
 from ..system.decibels import decibels
 from . import kernels_chain, kernels_gradient
 from .kernels_blend import Extent, Listed, Scratch, Visible
@@ -198,22 +198,19 @@ class MovableGaussians:
             belong to none show nowhere.
     """
 
-    def __init__(
-        self, gaussians: Gaussians, run_jobs: Callable, dilation: str = "own", shelf: scratch.Shelf | None = None
-    ) -> None:
+    def __init__(self, gaussians: Gaussians, run_jobs: Callable, dilation: str = "own") -> None:
         """Take Gaussians with cameras.
 
         Args:
             gaussians: per pixel; of a capture, those on disk are read again where they are needed.
             run_jobs: maps a function over a list, on any number of threads.
             dilation: as `renderer.render` has it.
-            shelf: of grids' parts of arrays that lie on disk; its own where None.
         """
-        self.origin, self.shelf = gaussians.origin, shelf or scratch.Shelf()
+        self.origin = gaussians.origin
         self.grids = tuple(_grids(gaussians))
         self._near, self._dilation = NearViews.of(gaussians), dilation
         rows = _padded(self.grids[-1].rows.stop)
-        self.values = scratch.zeros((VALUES, rows), views=len(gaussians.cameras))
+        self.values = disk.zeros((VALUES, rows), views=len(gaussians.cameras))
         self._pieces = list[_Piece]()
         for number, layer in enumerate(gaussians.layers):
             self._take(layer, [grid for grid in self.grids if grid.layer == number], gaussians.cameras)
@@ -224,14 +221,11 @@ class MovableGaussians:
     def _take(self, layer: Gaussians, grids: Sequence[Grid], photos: Sequence[Camera]) -> None:
         """Make pieces of a layer's Gaussians."""
         chunks, views = _padded(grids[0].height * grids[0].width) // CHUNK, len(grids)
-        bases = scratch.zeros((views, chunks, BASE, CHUNK))
-        colours = scratch.zeros((views, chunks, 3 * layer.sh.shape[-2] * CHUNK))
+        bases = disk.zeros((views, chunks, BASE, CHUNK))
+        colours = disk.zeros((views, chunks, 3 * layer.sh.shape[-2] * CHUNK))
         for grid, base, sh in zip(grids, bases, colours, strict=True):
             pieces = list(self._cut(layer, grid, photos[grid.view], base, sh))
-            rows = slice(grid.rows.start, pieces[-1].rows.stop)
-            self.shelf.put(grid, base, sh, layer.quats[grid.view], layer.scales[grid.view], *self.values[:, rows])
             self._pieces += pieces
-            scratch.set_aside(layer.means, layer.opacities, layer.sh)
 
     def _cut(self, layer: Gaussians, grid: Grid, photo: Camera, bases: NDArray, colours: NDArray) -> Iterator[_Piece]:
         """The pieces of a grid; its values, bases (chunks, 13, 128) and SH (chunks, 3 S·128) are filled in."""
@@ -264,14 +258,12 @@ class MovableGaussians:
         layers = []
         for number, layer in enumerate(start.layers):
             arrays = {name: getattr(layer, name) for name in ("means", "scales", "opacities", "sh")}
-            fields: dict[str, Any] = {name: scratch.zeros(array.shape) for name, array in arrays.items()}
+            fields: dict[str, Any] = {name: disk.zeros(array.shape) for name, array in arrays.items()}
             for grid in self.grids:
                 if grid.layer == number:
-                    self.shelf.take((grid,))
                     self._fill(fields, layer, grid)
                     its = {name: array[grid.view, None] for name, array in fields.items()}
                     Gaussians(**its, quats=layer.quats[grid.view, None])  # refuses what float32 does not hold
-                    scratch.set_aside(*arrays.values(), *fields.values())
             layers.append(layer.changed(**fields, extra_layers=()))
         return Gaussians.stacked(layers).with_notes(start.notes)
 
@@ -317,7 +309,6 @@ class MovableGaussians:
         """
         view = View.of(target.camera, self.origin, NEAR_PLANE)
         shares = shares or Shares.by_depth(np.ones(1 + self.grids[-1].view))
-        self.shelf.take([grid for grid in self.grids if shares.whole[grid.view] > 0])
         pieces = self._placed([piece for piece in self._pieces if shares.whole[piece.grid.view] > 0])
         visible = self._run(lambda placed: self._project(placed, view, shares), pieces)
         exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure)))
@@ -325,7 +316,6 @@ class MovableGaussians:
         sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden), shares.has_front)
         add_up = partial(self._add_up, pieces, visible, view, gradients) if gradients else None
         error = self._comparer.compare(visible, view, sought, add_up)
-        scratch.set_aside(target.photo)
         return error
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:

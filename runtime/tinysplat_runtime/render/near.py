@@ -45,7 +45,6 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
-from ..system import scratch
 
 REACH = 1.5
 """Of the second nearest view's distance, where shares reach 0: at 1, two views that swap places there would pop."""
@@ -128,8 +127,7 @@ class NearViews:
         centres = np.stack([camera.centre for camera in cameras])
         directions = np.stack([camera.rotation[2] for camera in cameras])
         count, inverse = 0, 0.0
-        of_views = scratch.by_view(gaussians.means)
-        for means, centre, direction in zip(of_views, gaussians.origin - centres, directions, strict=True):
+        for means, centre, direction in zip(gaussians.means, gaussians.origin - centres, directions, strict=True):
             z = (means @ direction) + centre @ direction
             count, inverse = count + int(np.count_nonzero(z > 0)), inverse + float((1 / z[z > 0]).sum())
         return cls(centres, directions, count / inverse if count else 1.0)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.planes import QP_BLOCK, qp_block_side
 from ...gaussian.sh import C0
-from ...system import scratch
+from ...system import disk
 
 LARGEST_OFFSET = 8
 """Most that a block's QP differs from the plane's: steps of 0.4 to 2.5 times the plane's."""
@@ -37,9 +37,9 @@ def contrast(layer: Gaussians) -> NDArray:
     """Squared differences of degree-0 colours, as far as they can be seen, to the right and lower neighbour, times
     squared opacity: (V, H, W) float32, finite.
     """
-    found = scratch.zeros(layer.opacities.shape)
+    found = disk.zeros(layer.opacities.shape)
     arrays = (found, layer.sh, layer.opacities)
-    for of_view, sh, opacities in zip(*map(scratch.by_view, arrays), strict=True):
+    for of_view, sh, opacities in zip(*arrays, strict=True):
         of_view[:] = 0
         for first in range(0, len(sh), _ROWS):
             colors = sh[first : first + _ROWS + 1, :, 0] * np.float32(C0)
@@ -62,7 +62,7 @@ def block_offsets(shown: NDArray) -> NDArray:
     """
     _, height, width = shown.shape
     side = qp_block_side(height, width)
-    means = np.stack([_block_means(of_view, side) for of_view in scratch.by_view(shown)])
+    means = np.stack([_block_means(of_view, side) for of_view in shown])
     octaves = np.log2(means + _FLOOR * means.mean() + _TINY)
     offsets = np.rint(_QP_PER_OCTAVE * (octaves.mean() - octaves))
     offsets = np.clip(offsets, -LARGEST_OFFSET, LARGEST_OFFSET).astype(np.int8)

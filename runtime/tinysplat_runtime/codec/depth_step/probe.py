@@ -27,7 +27,6 @@ from ...render import DEFINITION, Renderer, between
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...scene.neighbours import NEAR, nearest_views
-from ...system import scratch
 from ...system.threads import Crew
 from ..quantise import extent, mean_of
 from .blocks import SIDE
@@ -201,7 +200,6 @@ def _select(layer: Gaussians, inverse: NDArray, shown: NDArray, stripe: _Stripe)
             sums += [of_view[block][part].sum(dtype=np.float64) for part in seen]
             row, column = np.nonzero(near)
             at.append((np.full(len(row), view), row + first, column))
-        scratch.set_aside(layer.means, layer.scales, layer.opacities, shown)
     chosen = tuple(np.concatenate(indices) for indices in zip(*at, strict=True))
     directions = layer.means[chosen] + _shift(layer, camera)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
