@@ -70,8 +70,8 @@ def encode(
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
     from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
-    from .plan import is_worth_saying, planned
-    from .prepare import prepared
+    from .plan import expected_bytes
+    from .prepare import ALL_VIEWS, prepared
     from .refinement import chosen
 
     stats, refined = stats or EncodeStats(), RefineStats()
@@ -80,9 +80,8 @@ def encode(
     model, whole = request.model, request.mode != DEFAULT_MODE
     way = Way.of(scene, model, tools.store, threads=tools.threads, whole=whole, joint=request.joint)
     refinement = chosen(request, scene, way, told)
-    plan = planned(scene, is_refined=bool(refinement), is_usual=request.is_usual and not whole)
-    if is_worth_saying(plan, len(scene.frames)):
-        told.say("notice", str(plan), scene.path)
+    if len(scene.frames) not in ALL_VIEWS and request.is_usual and not whole:
+        told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
     doubted = doubts(scene, told) if told.listens else []
     for text in doubted:
         told.say("doubt", text, scene.path)

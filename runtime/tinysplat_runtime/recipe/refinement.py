@@ -14,9 +14,6 @@ from .memory import check_memory
 from .request import EncodeRequest
 from .words import Refinement
 
-CPU_SECONDS = 13e-6
-"""Seconds of one core per pixel of a capture's photos, in as many steps as are usual; as measured on 45 of 415×738."""
-
 
 def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refinement | None:
     """What was asked for; else the usual steps for a capture, if there are numba and memory for it.
