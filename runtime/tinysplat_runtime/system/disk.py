@@ -15,6 +15,7 @@ import tempfile
 import threading
 import weakref
 from functools import lru_cache
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ MOUNTS, MEMORY = Path("/proc/self/mountinfo"), Path("/proc/self/statm")
 WATCHER = "arrays on disk"
 """Name of the thread."""
 
-_EVERY_S = 0.01
+_EVERY_S = 0.02
 """Between two looks at what is held: in so long a few cores touch some ten megabytes."""
 
 
@@ -70,19 +71,20 @@ class _Held:
         with self._lock:
             self._mappings.add(mapping)
             if self._watcher is None:
-                self._watcher = threading.Thread(target=self._run, args=(_mapped_bytes(),), name=WATCHER, daemon=True)
+                self._watcher = threading.Thread(target=self._run, name=WATCHER, daemon=True)
                 self._watcher.start()
 
-    def _run(self, others: int) -> None:
-        """`others` are bytes of files that were mapped before, such as libraries."""
+    def _run(self) -> None:
         never = threading.Event()
-        while not never.wait(_EVERY_S):
-            with self._lock:
-                if not self._mappings:
-                    self._watcher = None
-                    return
-            if _mapped_bytes() - others > HELD_BYTES:
-                self._let_go()
+        with MEMORY.open("rb", buffering=0) as status:
+            others = _mapped_bytes(status)  # that hold other files, such as libraries
+            while not never.wait(_EVERY_S):
+                with self._lock:
+                    if not self._mappings:
+                        self._watcher = None
+                        return
+                if _mapped_bytes(status) - others > HELD_BYTES:
+                    self._let_go()
 
     def _let_go(self) -> None:
         with self._lock:
@@ -94,9 +96,9 @@ class _Held:
 _HELD = _Held()
 
 
-def _mapped_bytes() -> int:
+def _mapped_bytes(status: FileIO) -> int:
     """Memory of this process that holds files."""
-    return int(MEMORY.read_bytes().split()[2]) * mmap.PAGESIZE
+    return int(os.pread(status.fileno(), 100, 0).split()[2]) * mmap.PAGESIZE
 
 
 def room() -> int:
@@ -112,7 +114,8 @@ def room() -> int:
 
 def _is_possible() -> bool:
     """Elsewhere nothing reserves a file's bytes, and a full disk would end the process; nor do files in memory help."""
-    return hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED") and not _is_memory(_folder())
+    is_linux = hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED") and MEMORY.exists()
+    return is_linux and not _is_memory(_folder())
 
 
 @lru_cache
