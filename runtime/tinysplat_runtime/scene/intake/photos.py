@@ -8,6 +8,7 @@ leaves such files on foreign disks.
 
 from __future__ import annotations
 
+import time
 import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -20,6 +21,8 @@ from ..lenses import Lens
 
 SMALLER = {"images": ("images_2", "images_4", "images_8")}
 """Folders of the same photos, reduced, which stand in for one that is not there."""
+
+_SETTLED_NS = 2_000_000_000  # since a folder's last change, whose time has grains
 
 _MASKS = (".mask", *PHOTO_SUFFIXES)  # of a photo's name, before the ending of its mask
 
@@ -80,17 +83,23 @@ def _find_file(folder: Path, name: str) -> Path | None:
 def _listing(folder: Path) -> dict[str, list[str]]:
     """Names in a folder by what is left of them where case and accents do not matter."""
     try:
-        return _listed(folder, folder.stat().st_mtime_ns)
+        changed = folder.stat().st_mtime_ns
+        is_settled = time.time_ns() - changed > _SETTLED_NS
+        return _kept_listing(folder, changed) if is_settled else _listed(folder)
     except OSError:
         return {}
 
 
-@lru_cache(maxsize=16)
-def _listed(folder: Path, changed: int) -> dict[str, list[str]]:
+def _listed(folder: Path) -> dict[str, list[str]]:
     by_name = defaultdict(list)
     for path in sorted(folder.iterdir()):
         by_name[_plain(path.name)].append(path.name)
     return dict(by_name)
+
+
+@lru_cache(maxsize=16)
+def _kept_listing(folder: Path, changed: int) -> dict[str, list[str]]:
+    return _listed(folder)
 
 
 def _plain(name: str) -> str:
