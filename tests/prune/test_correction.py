@@ -11,8 +11,8 @@ from scenes import make_list
 
 pytest.importorskip("numba")
 
+from tinysplat_runtime.codec.list.views import views_about
 from tinysplat_runtime.prune.correction import corrected
-from tinysplat_runtime.prune.views import views_about
 from tinysplat_runtime.render import DEFINITION, Renderer
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.render.prepare import ALPHA_MIN

@@ -22,7 +22,7 @@ from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.views import views_of
+from tinysplat_runtime.codec.list.views import views_of
 
 COUNT = 3000
 
@@ -91,7 +91,7 @@ def test_only_what_is_surely_an_object_is_pruned_from_outside(place, size, moved
     places = [place, lying, turned(lying, 1), room, turned(room, 2), joined]
     for gaussians, expected in [(lone, False), (turned(lone, 3), False), *((one, True) for one in places)]:
         scaled = replace(gaussians, means=size * gaussians.means + moved, scales=size * gaussians.scales)
-        assert bool(views_of(scaled)[1]) == expected
+        assert bool(views_of(scaled).doubt) == expected
 
 
 def test_cameras_leave_out_what_nobody_sees_from_where_they_stand(place):

@@ -25,10 +25,10 @@ from tinysplat_runtime.system.threads import Crew
 
 pytest.importorskip("numba")
 
+from tinysplat_runtime.codec.list.views import views_about
 from tinysplat_runtime.prune.reduction import leave_out
 from tinysplat_runtime.prune.removal import Remover
 from tinysplat_runtime.prune.thinning import band_penalties
-from tinysplat_runtime.prune.views import views_about
 
 
 def joined(*parts: Gaussians) -> Gaussians:

@@ -10,7 +10,7 @@ from scenes import make_list
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.views import views_about, views_of
+from tinysplat_runtime.codec.list.views import views_about, views_of
 from tinysplat_runtime.render.paths import ring
 
 
@@ -60,9 +60,9 @@ def test_photos_are_looked_at_small_and_those_between_them_judge():
     cloud = make_list(500, 0, np.random.default_rng(0))
     shapes = [(1800, 3200), (1800, 3200), (3200, 1800)]
     photos = tuple(camera.resized(*shapes[number % 3]) for number, camera in enumerate(ring(cloud, 60)))
-    views, reason = views_of(replace(cloud, viewpoints=photos))
+    views = views_of(replace(cloud, viewpoints=photos))
     sizes = [(camera.width, camera.height) for camera in (*views.deciding, *views.judging)]
-    assert reason == "" and all(width * height < 1800 * 3200 / 4 and width != height for width, height in sizes)
+    assert not views.doubt and all(width * height < 1800 * 3200 / 4 and width != height for width, height in sizes)
     assert 2 <= len(views.deciding) <= 48 and 2 <= len(views.judging) <= 48
     own = np.stack([camera.centre for camera in (*photos, *views.deciding)])
     assert all(np.linalg.norm(own - camera.centre, axis=1).min() > 1e-6 for camera in views.judging)

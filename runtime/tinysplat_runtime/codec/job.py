@@ -46,6 +46,8 @@ class EncodeStats:
         reason: why mode `auto` came to it; empty where the caller chose.
         left_out: Gaussians of no pixels that pictures hardly need.
         left_out_psnr: dB of pictures without them; None where none are.
+        psnr: of a list, dB of pictures of the whole file against those of all that was given.
+        views: where these were looked at from, for people.
     """
 
     clipped: dict[str, int] = field(default_factory=dict)
@@ -54,6 +56,8 @@ class EncodeStats:
     reason: str = ""
     left_out: int = 0
     left_out_psnr: float | None = None
+    psnr: float | None = None
+    views: str = ""
 
     def add_clipped(self, plane_class: PlaneClass, count: int) -> None:
         """So many samples of a class were clipped."""

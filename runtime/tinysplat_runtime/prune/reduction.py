@@ -6,13 +6,13 @@ import math
 from dataclasses import replace
 
 from ..codec.list.encoder import visible
+from ..codec.list.views import views_of_anything
 from ..codec.search import tries
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
 from .amount import Amount
 from .removal import Remover, Thinned
-from .views import views_of
 
 TOLERANCE_DB = 0.3
 """More dB than were asked for that end the search."""
@@ -32,9 +32,9 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
         InputError: no Gaussian shows.
     """
     shown = visible(gaussians)
-    views, doubt = views_of(shown)
-    if doubt:
-        warn(f"Gaussians left out by views from outside: {doubt}")
+    views = views_of_anything(shown)
+    if views.doubt:
+        warn(f"Gaussians left out by views from outside: {views.doubt}")
     remover = Remover(shown, views.deciding, Crew(threads).map, views.judging)
     if amount.psnr is not None:
         found = _to_psnr(remover, amount.psnr)

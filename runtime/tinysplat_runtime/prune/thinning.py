@@ -2,9 +2,9 @@
 
 Rounding a scene to its steps makes an error D. Over Q_g bytes fall by 0.1 octave and D grows by 0.95 dB, so that the
 last byte saved by coarser steps costs 3.2·D/R of N Gaussians' R bytes; one that costs less than its own bytes' worth,
-3.2·D/N, is left out. What is left makes up for what others would cost: for most of it in an object, for less in a
-place, whose Gaussians are about as large as pixels (`Terms.slope`). Each Gaussian that is left matters more, so its
-steps are finer (`Terms.steps`): quality at a Q_g stays the same.
+3.2·D/N, is left out. What is left makes up for what others would cost: for most of it in an object or where Gaussians
+are large, for less in a place whose Gaussians are about as large as pixels (`Terms.slope`). Each Gaussian that is left
+matters more, so its steps are finer (`Terms.steps`): quality at a Q_g stays the same.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codec.list.encoder import ListEncoder, visible
+from ..codec.list.views import Views
 from ..codec.job import EncodeStats
 from ..codec.list.encoder import ListEncoder, visible
 from ..codec.profiles import Profile
@@ -23,7 +25,6 @@ from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
 from .removal import Remover, Thinned
 from .tiers import tiers_of
-from .views import Views
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,19 @@ class Terms:
     slope: float
     steps: float
 
+    def towards(self, other: Terms, share: float) -> Terms:
+        """Terms between these and others, 0 to 1 of the way in octaves."""
+        return Terms(self.slope ** (1 - share) * other.slope**share, self.steps ** (1 - share) * other.steps**share)
+
 
 OBJECT = Terms(slope=6.0, steps=0.5)
 """At equal bytes a slope of 6 shows as much as 12 and more than 1 and 3."""
 
-PLACE = Terms(slope=1.5, steps=0.8)
+DENSE_PLACE = Terms(slope=1.5, steps=0.8)
 """At equal bytes a slope of 1.5 shows as much as 0.4 and more than 0.1 and 6."""
+
+SPARSE_PLACE = Terms(slope=12.0, steps=1.0)
+"""At equal bytes a slope of 12 shows as much as 25, a little more than 6 and 10 % more than 1.5."""
 
 BYTES_EACH = 4.0
 """That a Gaussian takes at Q_g = 0, about."""
@@ -63,8 +71,9 @@ class ThinningEncoder(Coder):
     ) -> None:
         """`views` are where it is looked at from; other arguments and errors as those of `ListEncoder`."""
         self.profile, self._threads, self._stats = profile, threads, stats
-        self._whole = ListEncoder(gaussians, profile, threads=threads, stats=stats)
-        self._terms = OBJECT if self._whole.is_even else PLACE
+        self._views = views
+        self._whole = ListEncoder(gaussians, profile, threads=threads, stats=stats, views=views)
+        self._terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, self._whole.steps.sparse)
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):
             self._remover = Remover(visible(gaussians), views.deciding, Crew(threads).map, views.judging)
@@ -85,6 +94,8 @@ class ThinningEncoder(Coder):
             self.profile,
             threads=self._threads,
             stats=self._stats,
+            views=self._views,
+            steps=self._whole.steps,
             tiers=tiers,
             recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
         )

@@ -27,8 +27,6 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..render import Renderer
-from ..render.paths import ring
-from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
 from ..system.threads import Crew
@@ -37,10 +35,14 @@ from .request import Coding, EncodeRequest
 from .words import Refinement
 
 if TYPE_CHECKING:
+    from ..codec.list.views import Views
     from ..refine.stats import RefineStats
 
 LIST_VIEWS, MOST_JUDGED = 4, 16
 """Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
+
+MEASURED_VIEWS = 8
+"""Views about Gaussians of no pixels that a file's error is measured from, once it is made."""
 
 
 class Tools(Protocol):
@@ -92,14 +94,19 @@ def code(
     Raises:
         FormatError, InputError, NumericError: as `Runtime.compress`.
     """
-    stats = stats or EncodeStats()
-    job = Job(gaussians, coding.planes, coding.step_qp, tools.store, tools.threads, stats, coding.drop_invalid)
+    profile, qp, own = coding.planes, coding.step_qp, stats or EncodeStats()
+    job = Job(gaussians, profile, qp, tools.store, tools.threads, own, coding.drop_invalid)
     coder = _coder(job, coding, tools.limits, keep_all=keep_all)
     if coding.target_size is not None:
-        return code_to_size(coder, coding.target_size)
-    if coding.target_psnr is not None:
-        return code_to_psnr(coder, coding.target_psnr, _fidelity(job, tools.limits))
-    return coder.code(job.qp)
+        data = code_to_size(coder, coding.target_size)
+    elif coding.target_psnr is not None:
+        data = code_to_psnr(coder, coding.target_psnr, _fidelity(job, tools.limits))
+    else:
+        data = coder.code(job.qp)
+    if stats is not None and stats.mode == Points.mode:
+        with stats.watch.stage("measure"):
+            _measure(job, data, tools.limits)
+    return data
 
 
 def _coder(job: Job, coding: Coding, limits: Limits, *, keep_all: bool) -> Coder:
@@ -139,31 +146,43 @@ def _thinning(job: Job) -> Coder:
     """What leaves Gaussians out; without numba, or where nobody knows what people see of them, what keeps all and a
     warning that says so.
     """
+    from ..codec.list.encoder import visible
+    from ..codec.list.views import views_of
     from ..codec.modes.list import encoder
 
     try:
-        from ..codec.list.encoder import visible
         from ..prune.thinning import ThinningEncoder
-        from ..prune.views import views_of
     except ImportError as error:
         fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
         warn(fault)
         return encoder(job)
-    views, doubt = views_of(visible(job.gaussians))
-    if doubt:
-        warn(f"all Gaussians are kept: {doubt}")
+    views = views_of(visible(job.gaussians))
+    if views.doubt:
+        warn(f"all Gaussians are kept: {views.doubt}")
         return encoder(replace(job, gaussians=replace(job.gaussians.flat(), viewpoints=())))
     return ThinningEncoder(job.gaussians, views, job.profile, threads=job.threads, stats=job.stats)
 
 
-def _views_of_list(gaussians: Gaussians) -> list[Camera]:
-    """Views of Gaussians of no pixels: beside those of their photos, or from all sides."""
-    if not gaussians.viewpoints:
-        return ring(gaussians, LIST_VIEWS)
+def _views_of_list(gaussians: Gaussians) -> Views:
+    """Views of Gaussians of no pixels: beside those of their photos, or from outside."""
     from ..codec.list.encoder import visible
-    from ..prune.views import views_of
+    from ..codec.list.views import views_of_anything
 
-    return views_of(visible(gaussians))[0].judging[:LIST_VIEWS]
+    return views_of_anything(visible(gaussians))
+
+
+def _measure(job: Job, data: bytes, limits: Limits) -> None:
+    """Fill the stats with dB of a list's file against all Gaussians, from views that chose nothing."""
+    from ..codec.list.views import evenly, pictures_of
+
+    views = _views_of_list(job.gaussians)
+    cameras = evenly(views.judging, MEASURED_VIEWS)
+    if not cameras:
+        return
+    again = decode_gaussians(data, job.store, threads=job.threads, limits=limits)
+    found, wanted = (pictures_of(one, cameras, job.threads) for one in (again, job.gaussians.flat()))
+    error = np.mean([np.square(one - other).mean(dtype=np.float64) for one, other in zip(found, wanted, strict=True)])
+    job.stats.psnr, job.stats.views = decibels(float(error)), f"{len(cameras)} views {views.text}"
 
 
 def _fidelity(job: Job, limits: Limits) -> Callable[[bytes], float]:
@@ -175,7 +194,7 @@ def _fidelity(job: Job, limits: Limits) -> Callable[[bytes], float]:
     renderer = Renderer(gaussians, threads=threads, compiled=False)
     own = gaussians.cameras
     chosen = np.linspace(0, len(own) - 1, min(MOST_JUDGED, len(own))).round().astype(int)
-    cameras = [own[index] for index in chosen] or _views_of_list(gaussians)
+    cameras = [own[index] for index in chosen] or _views_of_list(gaussians).judging[:LIST_VIEWS]
     raw = [renderer.render(camera) for camera in cameras]
 
     def measure(data: bytes) -> float:

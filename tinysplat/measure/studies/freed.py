@@ -15,6 +15,8 @@ from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
+from tinysplat_runtime.codec.list.encoder import ListEncoder, visible
+from tinysplat_runtime.codec.list.views import views_of_anything
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.codec.list.encoder import ListEncoder, visible
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
@@ -23,7 +25,6 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.prune.thinning import ThinningEncoder
-from tinysplat_runtime.prune.views import views_of
 from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.scene.intake.layouts import load_scene
@@ -72,10 +73,10 @@ def free_rows(run: Run) -> Iterator[Row]:
 def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
     """Files of ours; what pictures need is ranked once."""
     gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
-    views, _ = views_of(visible(gaussians))
+    views = views_of_anything(visible(gaussians))
     thinning = ThinningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
     for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
-        whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats())
+        whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats(), views=views)
         for way, encoder in ((OURS, thinning), (WHOLE, whole)):
             data = encoder.code(qp)
             yield _point(way, qp, pictures, data, run.runtime.decompress(data))

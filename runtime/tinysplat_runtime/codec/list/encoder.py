@@ -11,7 +11,7 @@ Colours come last, so that they can make up for what all else lost.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,12 +34,13 @@ from ...container.list import (
 )
 from ...container.records import ChannelRecord
 from ...container.writer import write_container
-from ...errors import InputError
+from ...errors import InputError, warn
 from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
 from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
+from ...system.decibels import decibels
 from ...system.threads import Crew
 from ..basis import leading_signs
 from ..depth_step.blocks import whole_steps
@@ -50,30 +51,17 @@ from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder
 from .attributes import KNEE, LEAST_SCALE, Columns, companded, from_columns, to_columns
 from .decoder import columns_of
-from .evenness import is_uneven, sizes_about
-from .grid import cells_in, grid_of, means_of, with_cell
+from .evenness import sizes_about
+from .grid import BULK, cells_in, grid_of, means_of, with_cell
 from .levels import WHOLE, Level, Tiers
 from .octree import encode_points
 from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
 from .planes import to_plane
+from .steps import DENSE_PLACE, OBJECT, OBJECT_DB, PLACE_DB, SPARSE, Steps, of_pictures
+from .views import Views, pictures_of, views_of
 
 LEAST_OPACITY = 1 / 255
 """Below it a Gaussian is not drawn by any renderer, and left out."""
-
-STEPS: Mapping[tuple[PlaneClass, int], float] = {
-    (PlaneClass.OPACITY, 0): 0.08,
-    (PlaneClass.SCALE, 0): 0.28,
-    (PlaneClass.SCALE, 1): 0.68,
-    (PlaneClass.SCALE, 2): 1.5,
-    **{(PlaneClass.ROTATION, target): 0.12 for target in range(3)},
-}
-"""Steps at Q_g = 0, such that a byte gains about as much in every channel. Scenes differ: the thickness of discs hardly
-shows, that of needles and of networks' Gaussians does."""
-
-COLOUR_STEPS = (0.33, 0.165, 0.165)
-"""Of the components of colour in their order; those behind have the first one's. The second and third mostly hold hue,
-which varies little: a step that rounds it away tints whole surfaces, and neighbours' errors do not cancel.
-"""
 
 ROUND, LONGEST, COARSEST_TURN = 1.5, 80, 16.0
 """How a round Gaussian is turned does not show: steps of rotation are as many times coarser as the logarithm of the
@@ -81,18 +69,11 @@ ratio of the largest to the smallest scale, in this percentile of Gaussians, goe
 many times. Trained scenes have 3.7 and more, fused captures 0.2.
 """
 
-IN_PLACES: Mapping[PlaneClass, float] = {
-    PlaneClass.OPACITY: 0.5,
-    PlaneClass.SCALE: 1.1,
-    PlaneClass.ROTATION: 1.0,
-    PlaneClass.COLOR: 0.42,
-}
-"""Steps of places over those of objects. Whoever is within sees Gaussians as large as pixels, whose errors of colour do
-not cancel.
-"""
+EVEN_SIZES = 8.0
+"""Sizes of a place all have steps of the same share: they are coded where `companded` is so many times finer."""
 
-SIZES_IN_PLACES = 5.6
-"""The same of sizes, whose steps are an eighth of what is said here: `_far_below`."""
+LOST = 1e8
+"""Distance from the middle of the bulk, in its radii, from which positions have no room for both."""
 
 MAX_VALUE = 1e30
 """Largest number of a mean, a scale or an SH coefficient that is looked at: as large as a decoded one may be."""
@@ -112,6 +93,12 @@ ROOT_THRESHOLDS = np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
 
 LENGTH_THRESHOLDS = (np.arange(1, 5) * math.log(2)).astype(np.float32)
 """Half octaves of the square root of length over width; none beyond √20, where errors stop growing."""
+
+UNSEEN = 0.9
+"""Steps of what nobody knows how it is looked at, over those of Gaussians that cover several pixels."""
+
+MOST_MEASURED = 8
+"""Views that steps are measured in."""
 
 MOST_VIEWPOINTS = 64
 """Cameras of photos that a file keeps; of more, those that lie far from one another."""
@@ -150,7 +137,11 @@ class _Tier:
 
 
 class ListEncoder(Coder):
-    """Codes one set of Gaussians at any Q_g."""
+    """Codes one set of Gaussians at any Q_g.
+
+    Attributes:
+        steps: at Q_g = 0.
+    """
 
     def __init__(
         self,
@@ -159,6 +150,8 @@ class ListEncoder(Coder):
         *,
         threads: int,
         stats: EncodeStats,
+        views: Views | None = None,
+        steps: Steps | None = None,
         tiers: Tiers | None = None,
         recolour: Callable[[Gaussians], NDArray] | None = None,
     ) -> None:
@@ -169,6 +162,8 @@ class ListEncoder(Coder):
             profile: how planes are coded.
             threads: pictures coded at a time.
             stats: filled with seconds.
+            views: where people look at them from; None for what `views_of` finds.
+            steps: at Q_g = 0; None for those that pictures of `views` ask for.
             tiers: what a prefix shows first; None for one tier.
             recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had.
 
@@ -179,19 +174,17 @@ class ListEncoder(Coder):
         whole = Tiers.whole(self._gaussians.count)
         self._tiers = tiers.of(gaussians.opacities >= LEAST_OPACITY) if tiers else whole
         self._recolour = recolour
-        sizes = sizes_about(self._gaussians)
-        self._sizes = sizes if is_uneven(sizes) else None
-        self._turn = _turn_step(self._gaussians)
+        views = views or views_of(self._gaussians)
+        self._sizes = None if views.is_object else sizes_about(self._gaussians)
         self.profile, self._threads, self._stats = profile, threads, stats
         # Order by weight leaves no blocks that have QPs of their own.
         self._settings = replace(profile.encoder, block_qps=False)
+        if steps is None:
+            with stats.watch.stage("steps"):
+                steps = self._of_pictures(views)
+        self.steps = steps
 
-    @property
-    def is_even(self) -> bool:
-        """Whether Gaussians are about as large in all parts, as those of an object and not of a place are."""
-        return self._sizes is None
-
-    def code(self, qp: float, steps: float = 1.0) -> bytes:
+    def code(self, qp: float, factor: float = 1.0) -> bytes:
         """The file at Q_g, whose steps are taken so many times.
 
         Raises:
@@ -199,11 +192,11 @@ class ListEncoder(Coder):
                 Gaussians that its bytes do not pay for them.
         """
         check_qp(qp)
-        factor = steps * 2 ** (qp / 6)
+        steps = self.steps.times(factor * 2 ** (qp / 6))
         with self._stats.watch.stage("sort"):
-            tiers = self._placed(factor)
+            tiers = self._placed(steps)
         with self._stats.watch.stage("x265"):
-            scene = self._coded(tiers, factor, self._settings)
+            scene = self._coded(tiers, steps, self._settings)
         fault = range_fault(scene)
         if fault is not None:
             raise InputError(fault[1], where=fault[0])
@@ -220,21 +213,37 @@ class ListEncoder(Coder):
             raise InputError(found, where="qp")
         return data
 
-    def rounded(self, qp: float, steps: float = 1.0) -> Gaussians:
+    def rounded(self, qp: float, factor: float = 1.0) -> Gaussians:
         """About what a decoder will see of a file of one tier at Q_g, in the order given: all rounded to their steps.
 
         Without x265 and the octree's bytes, which take most of the time.
         """
-        factor = steps * 2 ** (qp / 6)
-        grid, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
+        return self._rounded(self.steps.times(factor * 2 ** (qp / 6)))
+
+    def _rounded(self, steps: Steps) -> Gaussians:
+        grid, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, steps.cell)
         tiers = [_Tier(WHOLE[0], grid, cells_in(grid, space), to_columns(self._gaussians))]
-        scene = self._coded(tiers, factor, None)
+        scene = self._coded(tiers, steps, None)
         fields = _decoded(tiers, scene.size_middle, scene.mean, scene.basis)
         return Gaussians.unchecked(**fields, origin=self._gaussians.origin)
 
-    def _placed(self, factor: float) -> list[_Tier]:
+    def _of_pictures(self, views: Views) -> Steps:
+        """Steps that views ask for; of what nobody knows how it is looked at, those that show from anywhere."""
+        dense = (OBJECT if views.is_object else DENSE_PLACE).turned_by(_turn_step(self._gaussians))
+        if not views.deciding:
+            return SPARSE.times(UNSEEN)
+        cameras = views.some(MOST_MEASURED)
+        wanted = pictures_of(self._gaussians, cameras, self._threads)
+
+        def psnr(steps: Steps) -> float:
+            found = pictures_of(self._rounded(steps), cameras, self._threads)
+            return decibels(float(np.mean([np.square(a - b).mean() for a, b in zip(found, wanted, strict=True)])))
+
+        return of_pictures(dense, psnr, OBJECT_DB if views.is_object else PLACE_DB)
+
+    def _placed(self, steps: Steps) -> list[_Tier]:
         """Tiers with their positions coded, each along the curve."""
-        whole, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, factor)
+        whole, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, steps.cell)
         placed = []
         for number, level in enumerate(self._tiers.levels):
             rows = np.flatnonzero(self._tiers.numbers == number)
@@ -246,11 +255,11 @@ class ListEncoder(Coder):
             placed.append(_Tier(level, replace(grid, **vars(points)), cells[order], to_columns(tier.taken(order))))
         return placed
 
-    def _coded(self, tiers: Sequence[_Tier], factor: float, settings: EncoderSettings | None) -> ListScene:
+    def _coded(self, tiers: Sequence[_Tier], steps: Steps, settings: EncoderSettings | None) -> ListScene:
         """The scene, and in each tier its channels in the order of records; without settings rounded alone."""
-        code = _ChannelCoder(factor, settings, Crew(self._threads), self.is_even, self._turn)
+        code = _ChannelCoder(steps, settings, Crew(self._threads))
         sizes = np.concatenate([tier.columns.sizes for tier in tiers])
-        middle = _middle(sizes) if self.is_even else _far_below(sizes)
+        middle = _middle(sizes) if steps.by_size else _far_below(sizes)
         thresholds, weights = _code_shapes(tiers, middle, code)
         sh = np.concatenate([tier.columns.sh for tier in tiers])
         if self._recolour and settings is not None:
@@ -258,7 +267,7 @@ class ListEncoder(Coder):
             fields["sh"] = sh.reshape(len(sh), -1, 3)
             sh = self._recolour(Gaussians.unchecked(**fields, origin=self._gaussians.origin)).reshape(len(sh), -1)
         gains = np.concatenate([tier.orders[2].gains for tier in tiers])
-        mean, basis, components = _colours(sh, gains, factor if self.is_even else factor * IN_PLACES[PlaneClass.COLOR])
+        mean, basis, components = _colours(sh, gains, steps)
         ends, coded = np.cumsum([len(tier.cells) for tier in tiers]), []
         for number, (tier, end) in enumerate(zip(tiers, ends, strict=True)):
             part = slice(end - len(tier.cells), end)
@@ -281,7 +290,14 @@ def visible(gaussians: Gaussians) -> Gaussians:
     is_shown = flat.opacities >= LEAST_OPACITY
     if not is_shown.any():
         raise InputError(f"none of at least {LEAST_OPACITY:.4f}: there is nothing to show", where="opacities")
-    return flat.taken(is_shown)
+    shown = flat.taken(is_shown)
+    low, high = np.percentile(shown.means.astype(np.float64), BULK, axis=0)
+    bulk = max(float(np.linalg.norm(high - low)) / 2, float(np.median(shown.scales.max(axis=1))))
+    is_lost = np.abs(shown.means - (low + high) / 2).max(axis=1) > LOST * bulk
+    if not is_lost.any() or not bulk:
+        return shown
+    warn(f"{int(is_lost.sum())} Gaussians lie more than {LOST:g} times as far out as most and are left out")
+    return shown.taken(~is_lost)
 
 
 def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
@@ -309,15 +325,11 @@ def _decoded(tiers: Sequence[_Tier], middle: float, mean: NDArray, basis: NDArra
 
 @dataclass(frozen=True)
 class _ChannelCoder:
-    """Codes channels at 2^(Q_g/6) of the steps of an object or a place, and of `turn` of those of rotation; without
-    settings they are rounded alone.
-    """
+    """Codes channels at some steps; without settings they are rounded alone."""
 
-    factor: float
+    steps: Steps
     settings: EncoderSettings | None
     crew: Crew
-    is_even: bool
-    turn: float
 
     def all(self, jobs: Sequence[tuple[PlaneClass, int, NDArray]], tier: _Tier) -> list[_Coded]:
         """Channels of a tier that do not depend on one another, by class and target."""
@@ -348,12 +360,10 @@ class _ChannelCoder:
         return _Coded(channel, picture, channel_values(channel, codes, order))
 
     def _step(self, plane_class: PlaneClass, target: int) -> float:
-        step = STEPS[plane_class, target] if plane_class != PlaneClass.COLOR else _colour_step(target)
-        if not self.is_even:
-            step *= SIZES_IN_PLACES if (plane_class, target) == (PlaneClass.SCALE, 0) else IN_PLACES[plane_class]
-        if plane_class == PlaneClass.ROTATION:
-            step *= self.turn
-        return step * self.factor
+        step = self.steps.of(plane_class, target)
+        if (plane_class, target) == (PlaneClass.SCALE, 0) and not self.steps.by_size:
+            step *= EVEN_SIZES
+        return step
 
 
 def _code_shapes(
@@ -361,10 +371,10 @@ def _code_shapes(
 ) -> tuple[tuple[NDArray, ...], tuple[WeightClasses, ...]]:
     """Code all channels of tiers but colours, and say by which thresholds and weights each one's order is known.
 
-    Where a scene is not even, larger Gaussians are farther from whoever looks, and weigh no more than smaller ones.
+    In a place, larger Gaussians weigh no more than smaller ones.
     """
     sizes = np.concatenate([tier.columns.sizes for tier in tiers])
-    by_size = _size_thresholds(sizes, middle) if code.is_even else np.zeros(0, np.float32)
+    by_size = _size_thresholds(sizes, middle) if code.steps.by_size else np.zeros(0, np.float32)
     thresholds = (ROOT_THRESHOLDS, by_size, LENGTH_THRESHOLDS)
     weights: list[WeightClasses] = []
     logs = np.zeros(len(sizes))
@@ -376,7 +386,7 @@ def _code_shapes(
             source = (tier.columns.roots, companded(tier.columns.sizes, middle), tier.columns.lengths)[number]
             tier.coded.append(code.one(plane_class, target, source, tier))
             count += reached(tier.coded[-1].values, thresholds[number])
-        if code.is_even or (plane_class, target) != (PlaneClass.SCALE, 0):
+        if code.steps.by_size or (plane_class, target) != (PlaneClass.SCALE, 0):
             logs += np.concatenate([_log_weight(tier.columns, number) for tier in tiers])
         weights.append(choose_classes(np.concatenate(counts), logs))
         for tier, own in zip(tiers, counts, strict=True):
@@ -408,7 +418,7 @@ def _turn_step(gaussians: Gaussians) -> float:
 
 
 def _far_below(sizes: NDArray) -> float:
-    """The same such that steps of all sizes are the same share of them, an eighth of what `STEPS` say."""
+    """The same such that steps of all sizes are the same share of them, `EVEN_SIZES` times finer."""
     return float(np.float32(max(float(np.percentile(sizes, 0.5)) - KNEE, -MAX_EXPONENT)))
 
 
@@ -419,11 +429,7 @@ def _size_thresholds(sizes: NDArray, middle: float) -> NDArray:
     return np.unique(companded(at, middle).astype(np.float32))
 
 
-def _colour_step(component: int) -> float:
-    return COLOUR_STEPS[component] if component < len(COLOUR_STEPS) else COLOUR_STEPS[0]
-
-
-def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArray, list[NDArray]]:
+def _colours(sh: NDArray, gains: NDArray, steps: Steps) -> tuple[NDArray, NDArray, list[NDArray]]:
     """Mean (d,) float32, basis (d, k) float16, and k components (N,) of (N, d) coefficients.
 
     Principal components under the weights that errors show with; as many as hold more than nothing at their steps.
@@ -439,7 +445,7 @@ def _colours(sh: NDArray, gains: NDArray, factor: float) -> tuple[NDArray, NDArr
     moment = product((centred * weights[:, None]).T, centred) / len(sample)
     values, vectors = symmetric_eigen(moment)
     numbers = range(len(values))
-    least = factor * np.array([_colour_step(n) * (FLAT_SHARE if n < 3 else COLOUR_SHARE) for n in numbers])
+    least = np.array([steps.of(PlaneClass.COLOR, n) * (FLAT_SHARE if n < 3 else COLOUR_SHARE) for n in numbers])
     k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
     chosen = vectors[:, ::-1][:, :k]
     basis = (chosen * leading_signs(chosen)).astype(np.float16)

@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 
 from ...container.list import MAX_LEVELS, PointGrid
 
-SPACING = 0.5
-"""Cell at Q_g = 0 times √N, in units of the scene's radius: the more Gaussians, the less each may be off."""
-
-CELL_BY_SIZE = 0.48
-"""Cell of a place at Q_g = 0, in sizes of Gaussians: about what `SPACING` comes to in objects."""
+NOT_FAR = 99.5
+"""Percentile beyond which what lies far out makes cells no finer."""
 
 FINEST, RADII = 5, 9
 """One of so many Gaussians of a place is of its finest part; and radii of its grid that are tried, in octaves."""
+
+LEAST_BULK = 1e-12
+"""Radius of a scene's bulk, over that of all of it, that is told from a point."""
+
+WIDE = 24.0
+"""Contracted coordinates across, above which the last cell that a file could name ends where Gaussians do: one twice as
+far would lie beyond all numbers.
+"""
 
 MAX_CELL = 0.25
 
@@ -25,28 +30,29 @@ BULK = (5, 95)
 """Percentiles between which the scene's bulk lies, along each axis."""
 
 
-def grid_of(means: NDArray, sizes: NDArray | None, factor: float) -> tuple[PointGrid, NDArray]:
+def grid_of(means: NDArray, sizes: NDArray | None, cell: float) -> tuple[PointGrid, NDArray]:
     """The grid for (N, 3) positions, and (N, 3) how far they lie from its lowest corner.
 
-    `sizes` (N,) are those about Gaussians of a place, whose finest part is the middle of its grid, so that cells grow
-    from there as Gaussians do.
+    The more Gaussians, the less each may be off: `cell` is a cell's side times √N, in units of the scene's radius. With
+    `sizes` (N,), those about Gaussians of a place, it is in these, and the place's finest part is the middle of its
+    grid, so that cells grow from there as Gaussians do.
     """
     low, high = np.percentile(means, BULK, axis=0)
     centre = (low + high) / 2
     reach = float(np.abs(means - centre).max())
-    # A bulk in one point must not make the rest infinitely far.
-    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6 * reach) or 1.0
-    cell = SPACING / math.sqrt(len(means))
+    # What lies far out must not make cells of the rest larger, nor a bulk in one point the rest infinitely far.
+    radius = max(float(np.linalg.norm(high - low)) / 2, LEAST_BULK * reach) or 1.0
+    side = 1 / math.sqrt(len(means))
     if sizes is not None:
-        centre, radius, cell = _about_the_finest(means, sizes, centre, radius)
+        centre, radius, side = _about_the_finest(means, sizes, centre, radius)
     space = _contracted((means - centre) / radius)
     lowest = space.min(axis=0)
     space -= lowest
-    return with_cell(PointGrid(centre, radius, 0.0, lowest, (), 0, 0, ()), cell * factor, space), space
+    return with_cell(PointGrid(centre, radius, 0.0, lowest, (), 0, 0, ()), cell * side, space), space
 
 
 def _about_the_finest(means: NDArray, sizes: NDArray, middle: NDArray, radius: float) -> tuple[NDArray, float, float]:
-    """Centre, radius and cell at Q_g = 0 of the grid that takes the fewest bits.
+    """Centre, radius and cell of sizes of Gaussians of the grid that takes the fewest bits.
 
     A cell's side, in sizes of Gaussians, has the same mean square in all of them.
     """
@@ -57,14 +63,19 @@ def _about_the_finest(means: NDArray, sizes: NDArray, middle: NDArray, radius: f
         for octave in range(RADII):
             inner = radius * 2.0**-octave
             sides = np.maximum(inner, away)
-            each = math.sqrt(np.square(sides / sizes[:, None]).mean())
-            found.append((math.log(each) - float(np.log(sides).mean()), centre, inner, CELL_BY_SIZE / each))
+            shares = sides / sizes[:, None]
+            each = math.sqrt(np.square(np.minimum(shares, np.percentile(shares, NOT_FAR))).mean())
+            found.append((math.log(each) - float(np.log(sides).mean()), centre, inner, 1 / each))
     return min(found, key=lambda one: one[0])[1:]
 
 
 def with_cell(grid: PointGrid, cell: float, space: NDArray) -> PointGrid:
     """The grid with about that cell, for (N, 3) contracted coordinates from its lowest corner."""
-    return replace(grid, cell=max(min(cell, MAX_CELL), float(space.max()) / ((1 << MAX_LEVELS) - 1)))
+    reach = float(space.max())
+    cell = max(min(cell, MAX_CELL), reach / ((1 << MAX_LEVELS) - 1))
+    if reach > WIDE:
+        cell = reach / ((1 << math.ceil(math.log2(reach / cell + 1))) - 1)
+    return replace(grid, cell=cell)
 
 
 def cells_in(grid: PointGrid, space: NDArray) -> NDArray:

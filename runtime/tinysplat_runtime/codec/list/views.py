@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.list.evenness import is_uneven, sizes_about
-from ..gaussian.gaussians import Gaussians
-from ..render import DEFINITION, Renderer
-from ..render.paths import between, looking_along, orbit
-from ..render.renderer import NEAR_PLANE
-from ..scene.cameras import Camera
-from ..scene.neighbours import spread, view_places
+from ...gaussian.gaussians import Gaussians
+from ...render import DEFINITION, Renderer
+from ...render.paths import between, looking_along, orbit
+from ...render.renderer import NEAR_PLANE
+from ...scene.cameras import Camera
+from ...scene.neighbours import spread, view_places
+from .evenness import is_uneven, sizes_about
 
 SIDE = 384
 """Pixels of a view's sides; views of photos have as many pixels at most."""
@@ -38,6 +38,9 @@ STEEPEST = 0.7
 OPEN, CLOSED = 0.2, 0.75
 """A scene is a room where, from its middle, so far (in diagonals) nothing stands in most directions, and something
 beyond in this share of them."""
+
+FARTHEST = 1e12
+"""Scene units from the origin, and across, that cameras are put at."""
 
 COUNT, JUDGES = 20, 12
 """Views about a scene that decide, and views that judge."""
@@ -77,31 +80,63 @@ class Views:
     """Where a scene is looked at from.
 
     Attributes:
-        deciding: cameras whose pictures are to stay as they are.
+        deciding: cameras whose pictures are to stay as they are; none where nobody knows where people stand.
         judging: others, some of which tell whether to merge and to correct, and the rest the loss.
+        is_object: whether it is surely an object that people see from outside.
+        text: what they are, for people.
+        doubt: why nobody knows what people see; else empty.
     """
 
     deciding: list[Camera]
     judging: list[Camera]
+    is_object: bool
+    text: str
+    doubt: str = ""
+
+    def some(self, count: int) -> list[Camera]:
+        """At most so many of those that decide, evenly."""
+        return evenly(self.deciding, count)
 
 
-def views_of(gaussians: Gaussians) -> tuple[Views, str]:
-    """Views of (N,) Gaussians: those of their viewpoints, or about an object; and why they may show too little of them.
-
-    That is so of what may be a place and whose viewpoints are not known or do not show it; else the reason is empty.
-    """
-    reason = ""
+def views_of(gaussians: Gaussians) -> Views:
+    """Views of (N,) Gaussians: those of their viewpoints, or about what is surely an object."""
+    is_object = is_surely_an_object(gaussians)
     if gaussians.viewpoints:
         found = _views_through(gaussians)
-        if found is not None:
-            return found, ""
         count = len(gaussians.viewpoints)
+        if found is not None:
+            return Views(*found, is_object, f"beside {count} photos" if count > 1 else "about one photo")
         shown = f"{count} cameras show" if count > 1 else "one camera shows"
-        reason = f"{shown} too little of them; are cameras those of this scene?"
-    elif not is_surely_an_object(gaussians):
-        reason = "which of them pictures need follows from where people stand, and these are not surely an object"
-        reason += " seen from outside; --cameras makes the file smaller"
-    return Views(views_about(gaussians, COUNT), views_about(gaussians, JUDGES, turned=1.0)), reason
+        doubt = f"{shown} too little of them; are cameras those of this scene?"
+    elif is_object:
+        return Views(*_views_outside(gaussians), is_object, "about an object")
+    else:
+        doubt = "which of them pictures need follows from where people stand, and these are not surely an object"
+        doubt += " seen from outside; --cameras makes the file smaller"
+    return Views([], [], False, "from nowhere", doubt)
+
+
+def views_of_anything(gaussians: Gaussians) -> Views:
+    """The same, but from outside, and from the middle of rooms, where nobody knows where people stand."""
+    views = views_of(gaussians)
+    if not views.doubt:
+        return views
+    deciding, judging = _views_outside(gaussians)
+    return replace(
+        views, deciding=deciding, judging=judging, text="from outside, as nobody knows where photos were taken"
+    )
+
+
+def _views_outside(gaussians: Gaussians) -> tuple[list[Camera], list[Camera]]:
+    if _lies_too_far(gaussians):
+        return [], []
+    return views_about(gaussians, COUNT), views_about(gaussians, JUDGES, turned=1.0)
+
+
+def pictures_of(gaussians: Gaussians, cameras: Sequence[Camera], threads: int) -> list[NDArray]:
+    """What cameras see as 3DGS defines drawing, (H, W, 3) float32 of at most 1 each."""
+    renderer = Renderer(gaussians, threads, **DEFINITION)
+    return [np.minimum(renderer.render(camera), np.float32(1)) for camera in cameras]
 
 
 def is_surely_an_object(gaussians: Gaussians) -> bool:
@@ -110,6 +145,8 @@ def is_surely_an_object(gaussians: Gaussians) -> bool:
     An object's Gaussians are about as large everywhere, end where it ends, and fill little of a view from afar. A place
     has the distance behind it, and walls that hide it from outside or that enclose its middle.
     """
+    if _lies_too_far(gaussians):
+        return False
     means = gaussians.means.astype(np.float64)
     away = np.linalg.norm(means - np.median(means, axis=0), axis=1)
     most, nearly_all = np.percentile(away, (90, 99.9))
@@ -121,7 +158,7 @@ def is_surely_an_object(gaussians: Gaussians) -> bool:
     return bool(np.median(covered) <= MOST_COVERED) and not _is_room(gaussians, *_bulk(gaussians))
 
 
-def _views_through(gaussians: Gaussians) -> Views | None:
+def _views_through(gaussians: Gaussians) -> tuple[list[Camera], list[Camera]] | None:
     """Views of the photos that Gaussians were made from, and on the way between them."""
     cameras, depth = _showing(gaussians, [_shrunk(camera) for camera in spread(gaussians.viewpoints, MOST)])
     if not cameras:
@@ -132,10 +169,10 @@ def _views_through(gaussians: Gaussians) -> Views | None:
     if not pairs:
         around = orbit(cameras[:1], 2 * JUDGES, depth)
         halfway, beside = around[0::2], around[1::2]
-    return Views([*cameras, *_some(halfway, MOST_DECIDING - len(cameras))], _some(beside, JUDGES))
+    return [*cameras, *evenly(halfway, MOST_DECIDING - len(cameras))], evenly(beside, JUDGES)
 
 
-def _some(cameras: Sequence[Camera], count: int) -> list[Camera]:
+def evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """At most so many, evenly."""
     return [cameras[n] for n in np.linspace(0, len(cameras) - 1, min(count, len(cameras))).round().astype(int)]
 
@@ -196,6 +233,12 @@ def views_about(gaussians: Gaussians, count: int, turned: float = 0.0) -> list[C
     inner = count // 3 if _is_room(gaussians, middle, diagonal) else 0
     within = [_camera(middle, _on_the_sphere(n, inner, 0.5, turned), SIDE / 2, SIDE) for n in range(inner)]
     return _outer_views(gaussians, count - inner, turned) + within
+
+
+def _lies_too_far(gaussians: Gaussians) -> bool:
+    """Whether no camera can stand about (N,) Gaussians."""
+    middle, diagonal = _bulk(gaussians)
+    return bool(max(np.abs(middle).max(), diagonal) > FARTHEST)
 
 
 def _bulk(gaussians: Gaussians) -> tuple[NDArray, float]:
