@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -107,6 +108,24 @@ def test_extreme_gaussians_come_back_finite_and_near(case, qp):
     assert np.abs(moved[near]).max(initial=0) <= max(0.15 * bulk, 1e-6 * size) and np.abs(moved).max() <= 0.2 * size
     logs = [np.sort(np.log(np.maximum(g.scales.max(axis=1), 1e-25))) for g in (gaussians, checked)]
     assert np.median(np.abs(logs[0] - logs[1])) < 0.5
+
+
+@pytest.mark.parametrize("far", [1e3, 1e8, 1e10, 1e20])
+def test_a_stray_moves_nothing_else(far):
+    """However far out it is: it keeps about its place, or is left out and said."""
+    gaussians = cloud(300)
+    means = gaussians.means.copy()
+    means[7] = [far, -far, 0]
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        found, alone = (ts.decompress(coded(one, 0)) for one in (replace(gaussians, means=means), gaussians))
+    others = np.delete(gaussians.means, 7, axis=0)
+    moved = [np.abs(others[:, None] - one.means[None]).max(axis=2).min(axis=1).max() for one in (found, alone)]
+    assert moved[0] < 1.5 * moved[1] < 0.1
+    is_kept = found.count == alone.count
+    assert is_kept == (far <= 1e8) == (not any("left out" in str(one.message) for one in said))
+    if is_kept:
+        assert abs(np.abs(found.means).max() / far - 1) < 0.1
 
 
 def _with(name: str, number: float, factor: float = 1.0) -> Gaussians:

@@ -94,6 +94,22 @@ def test_only_what_is_surely_an_object_is_pruned_from_outside(place, size, moved
         assert bool(views_of(scaled).doubt) == expected
 
 
+@pytest.mark.parametrize("count", [200, COUNT])
+@pytest.mark.parametrize("are_known", [False, True])
+def test_a_place_keeps_its_looks_however_much_its_gaussians_cover(count, are_known):
+    """Few of them, each of many pixels, as well as many, from where nobody told that people stand too."""
+    lying = desk(count)
+    lying = replace(lying, scales=lying.scales * np.float32(0.6 * (COUNT / count) ** 0.5))
+    towards = [camera for camera in cameras_within(16, moved=0.3, focal=60) if camera.rotation[2, 2] < 0]
+    lying = replace(lying, means=lying.means * [1, 0.5, 1] - [0, 0, 2.5])
+    stats = EncodeStats()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = ts.decompress(ts.compress(lying, **({"cameras": towards} if are_known else {}), stats=stats))
+    assert psnr(found, lying, towards) > (34 if are_known else 31)
+    assert stats.views and (not are_known or abs(stats.psnr - psnr(found, lying, towards)) < 4)
+
+
 def test_cameras_leave_out_what_nobody_sees_from_where_they_stand(place):
     """Many of the Gaussians lie behind all cameras; what is before them looks as with all kept, in fewer bytes."""
     stats, cameras = EncodeStats(), [camera for camera in cameras_within(24, focal=40) if camera.rotation[2, 2] > 0.2]

@@ -60,9 +60,9 @@ def _write(coded: Encoded, voice: Voice, report: str | None, runtime: Runtime, *
     if stats.reason:
         voice.done(f"mode {stats.mode}: {stats.reason}")
     elif stats.mode == List.mode:
-        if stats.left_out:
-            differ = f"{stats.left_out_psnr:.1f} dB between pictures with and without"
-            voice.done(f"pruned {stats.left_out:,} Gaussians: {differ}")
+        if stats.psnr is not None:
+            pruned = f"{stats.left_out:,} Gaussians pruned" if stats.left_out else "all Gaussians kept"
+            voice.done(f"{stats.psnr:.1f} dB to what was given, in {stats.views}; {pruned}")
         smaller = "if these are pixels of known views, --grid V,H,W and --cameras make the file smaller"
         voice.done(f"coded as a list; {smaller}")
 

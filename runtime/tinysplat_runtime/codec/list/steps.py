@@ -60,9 +60,10 @@ class Steps:
         def between(one: float, to: float) -> float:
             return one ** (1 - share) * to**share
 
+        (red, green, blue), to = self.colours, other.colours
         return Steps(
             {name: between(step, other.channels[name]) for name, step in self.channels.items()},
-            tuple(map(between, self.colours, other.colours)),
+            (between(red, to[0]), between(green, to[1]), between(blue, to[2])),
             between(self.cell, other.cell),
             share,
             self.by_size,
@@ -90,7 +91,7 @@ OBJECT_DB, PLACE_DB = 36.0, 42.0
 """Pictures of a list that is rounded at Q_g = 0 have so much, or steps are nearer to `SPARSE`. Of a place, from which
 photos left out differ by some 25 dB, such pictures lose 0.1 dB."""
 
-SPAN_DB, MOST_FINER = 8.0, 0.5
+SPAN_DB, MOST_FINER = 8.0, 0.2
 """`SPARSE` is reached where pictures have so much less; then all are finer, down to this share of them."""
 
 _PARTS = 8
