@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.list.encoder import ListEncoder, visible
-from ..codec.list.views import Views
 from ..codec.job import EncodeStats
 from ..codec.list.encoder import ListEncoder, visible
+from ..codec.list.views import Views
 from ..codec.profiles import Profile
 from ..codec.search import Coder
 from ..gaussian.gaussians import Gaussians

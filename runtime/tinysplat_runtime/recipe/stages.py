@@ -103,7 +103,7 @@ def code(
         data = code_to_psnr(coder, coding.target_psnr, _fidelity(job, tools.limits))
     else:
         data = coder.code(job.qp)
-    if stats is not None and stats.mode == Points.mode:
+    if stats is not None and stats.mode == List.mode:
         with stats.watch.stage("measure"):
             _measure(job, data, tools.limits)
     return data
