@@ -32,14 +32,6 @@ def bytes_at(points: Iterable[Point], db: float) -> float | None:
     return float(np.exp(_interpolated(curve)(db)))
 
 
-def decibels_at(points: Iterable[Point], size: float) -> float | None:
-    """dB that a curve reaches with at most so many bytes; None below its smallest file."""
-    curve, wanted = _curve(points)[:, ::-1], np.log(size)
-    if not len(curve) or wanted < curve[0, 0]:
-        return None
-    return float(_interpolated(curve)(wanted) if wanted < curve[-1, 0] else curve[-1, 1])
-
-
 def bd_rate(
     reference: Iterable[Point],
     points: Iterable[Point],

@@ -18,7 +18,6 @@ STUDIES = {
     "waits": "waiting.WAITING",
     "curves": "rate.CURVES",
     "paper": "paper.PAPER",
-    "refined": "refining.REFINED",
     "walk": "walking.WALK",
     "corners": "corners.CORNERS",
     "pruned": "pruned.PRUNED",
