@@ -14,7 +14,7 @@ import numpy as np
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
-from tinysplat.poses.placing import Placement, coloured_points, copies, encoded, place, upright_copies
+from tinysplat.poses.placing import NonePlacedError, Placement, coloured_points, copies, encoded, place, upright_copies
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic
@@ -36,6 +36,9 @@ KINDS = ", ".join(VIDEOS)
 
 SPARED, ENOUGH = 0.1, 2 / 3
 """Of a video's frames: so many may be missing before more are added, and so many have to be placed in the end."""
+
+ROUNDS = 3
+"""In which frames are placed, each with more of them."""
 
 LEAST_PARALLAX, UNCERTAIN = 2.5, 0.5
 """Degrees between the directions in which most points are seen, and share of uncertain places, of what is no scene."""
@@ -154,29 +157,30 @@ def _of_video(source: Path, photos: Path, args: Namespace) -> tuple[dict[str, st
     if args.frames is not None and args.frames > len(walk.indices):
         raise InputError(f"{len(walk.indices)} frames, expected {args.frames} or more")
     names: dict[int, str] = {}
-    best: Placement | None = None
+    found: list[tuple[dict[int, str], frozenset[str], Placement | None]] = []
     added = walk.chosen(args.frames)
-    while added:
+    while added and len(found) < ROUNDS:
         for index, picture in progress(video.frames(added), len(added), "taking frames", quiet=args.quiet):
             names[index] = f"frame_{index:06}.jpg"
             (photos / names[index]).write_bytes(encoded(picture, names[index]))
         names = dict(sorted(names.items()))
         if not args.quiet:
-            print(
-                f"{source}: {len(names)} of {len(video.stamps)} frames, chosen for overlap and sharpness",
-                file=sys.stderr,
-            )
-        placement = place(photos, list(names.values()), photos.parent, args.threads or -1, quiet=args.quiet)
-        if best is None or len(placement.right) >= len(best.right):
-            best = placement
-        missing = {index for index, name in names.items() if name not in placement.right}
+            said = f"{len(names)} of {len(video.stamps)} frames, chosen for overlap and sharpness"
+            print(f"{source}: {said}", file=sys.stderr)
+        try:
+            placement = place(photos, list(names.values()), photos.parent, args.threads or -1, quiet=args.quiet)
+        except NonePlacedError:
+            placement = None
+        right = placement.right if placement else frozenset()
+        found.append((names, right, placement))
+        missing = {index for index, name in names.items() if name not in right}
         is_enough = args.frames is not None or len(missing) <= SPARED * len(names)
         added = [] if is_enough else walk.between(list(names), missing)
-    assert best is not None
-    if len(best.right) < ENOUGH * len(names):
+    names, right, placement = max(found, key=lambda one: (len(one[1]) >= ENOUGH * len(one[0]), len(one[1])))
+    if placement is None or len(right) < ENOUGH * len(names):
         times = (video.stamps - video.stamps[0]) * video.unit
-        raise InputError(_unplaced([(float(times[i]), name in best.right) for i, name in names.items()]))
-    return {name: name for name in names.values()}, best
+        raise InputError(_unplaced([(float(times[i]), name in right) for i, name in names.items()]))
+    return {name: name for name in names.values()}, placement
 
 
 def _unplaced(frames: Sequence[tuple[float, bool]]) -> str:

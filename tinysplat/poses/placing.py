@@ -60,6 +60,10 @@ its way are joined at scales that nothing says.
 """
 
 
+class NonePlacedError(InputError):
+    """Photos of which not even two could be placed."""
+
+
 @dataclass(frozen=True)
 class Placement:
     """What was found of photos' places.
@@ -141,7 +145,7 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
         quiet: whether to show no progress.
 
     Raises:
-        InputError: none could be placed.
+        NonePlacedError: none could be placed.
     """
     pycolmap = load_pycolmap()
     database = work / "database.db"
@@ -160,7 +164,7 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
         said = "they need texture, overlap, and to be taken from different places"
-        raise InputError(f"no photos could be placed: {said}")
+        raise NonePlacedError(f"no photos could be placed: {said}")
     return found
 
 
