@@ -165,6 +165,7 @@ _OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
          {"flags": 4, "tail": _columns(1.0011, 0, 0, 0)}, "LAYR[0]"),
         ({"flags": 4, "tail": _columns(0, 0, -0.9991, 0)},
          {"flags": 4, "tail": _columns(0, 0, -0.9989, 0)}, "LAYR[0]"),
+        ({}, {"flags": 4, "tail": struct.pack("<Bd", 0, 1e300) * 4}, "LAYR[0]"),
         ({"flags": 8, "tail": struct.pack("<12f", *range(12))},
          {"flags": 8, "tail": struct.pack("<12f", *range(11), _NAN)}, "LAYR[0]"),
         ({"flags": 16, "k": 3, "tail": bytes(18)}, {"flags": 16, "k": 4, "tail": bytes(24)}, "4 1 3"),

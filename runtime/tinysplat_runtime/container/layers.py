@@ -163,8 +163,8 @@ def read_layer(file: Opened, index: int) -> LayerHeader:
     if flags & L.RELATIVE_ROTATION:
         rows = read_columns(cursor, file.views, 4)[list(file.table.views)]
         with np.errstate(over="ignore"):
-            quats = rows.astype(np.float32)
-        is_unit = np.abs(np.linalg.norm(rows, axis=1) - 1) < UNIT_TOLERANCE
+            quats, lengths = rows.astype(np.float32), np.linalg.norm(rows, axis=1)
+        is_unit = np.abs(lengths - 1) < UNIT_TOLERANCE
         require(bool(is_unit.all()), section, "a reference quaternion is not of length 1")
     if flags & L.SCALE_MIX:
         values = np.array(cursor.unpack(L.SCALE_MIX_FIELDS), np.float32)
