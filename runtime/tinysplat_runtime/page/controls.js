@@ -11,7 +11,7 @@ const NOTCH = 1000; // pixels of a wheel to a factor of e
 const TAP_PX = 24, TAP_MS = 350; // between two taps that are one
 
 export class Controls {
-  canvas; mover; point; moved; back; picked; touched; released; fingers; held; anchor; tap;
+  canvas; mover; point; moved; back; picked; touched; released; isEmbedded; fingers; held; anchor; tap;
   // mover(): who moves now. point(x, y): what shows at a pixel. moved() after each change, back() when asked to return,
   // picked(x, y) on a double click, touched() before the first movement, released() when a finger is lifted.
   // isEmbedded: the page around scrolls by what is no drag.

@@ -13,6 +13,7 @@ import { Viewer } from "./viewer.js";
 /** @type {(id: string) => any} */
 const find = (id) => document.getElementById(id);
 const SAYS = "it is made into a .tsplat file by: tinysplat"; // what other files are, by how they begin
+/** @type {[RegExp, string][]} */
 const OTHERS = [
   [/^\x1f\x8b/, "gzip, as .spz files are; " + SAYS + " compress F.spz -o F.tsplat"], [/^NGSP/, "a .spz file; " + SAYS + " compress F.spz -o F.tsplat"],
   [/^ply\r?\n/, "a .ply file; " + SAYS + " compress F.ply -o F.tsplat"], [/^PK/, "a zip archive, as .sog files are; " + SAYS + " compress F.sog -o F.tsplat"],
@@ -184,7 +185,7 @@ const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => 
 const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
 
 class Page {
-  decoder; given; isBare; first;
+  decoder; given; isBare; isEmbedded; first;
   constructor(decoder, given, options) {
     const isBare = options.has("bare"), isEmbedded = options.has("embed"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
     document.body.classList.toggle("bare", isBare);

@@ -224,7 +224,7 @@ function work(sorting) { // in a worker: orders Gaussians
 }
 
 const SORTER = "tsplat-sorter", { url } = import.meta;
-if (globalThis.name === SORTER) work(sorting);
+if (/** @type {any} */ (globalThis).name === SORTER) work(sorting);
 
 // A worker of this file, or where the page carries its scripts, of the text of what it runs.
 function sorter() {

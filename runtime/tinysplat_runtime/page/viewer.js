@@ -42,6 +42,7 @@ export class Viewer {
     this.splats ??= new Splats(this.canvas, () => { this.isDirty = true; });
     this.splats.load(cloud);
     Object.assign(this, { scene, cloud });
+    this.isNew ||= !this.hasMoved; // margins follow a picture that gets better where it began
     this.#survey();
     if (!isSame || (first !== this.start && !this.touched)) this.#stand(first);
     this.move();
