@@ -29,7 +29,7 @@ from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import layer_pairs, spread
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.planes import PlaneClass
+from tinysplat_runtime.gaussian.planes import GEOMETRY, PlaneClass
 from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.system.decibels import decibels
 
@@ -167,7 +167,7 @@ def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> 
     Raises:
         InputError: layers differ, or Gaussians have no cameras.
     """
-    classes = [c for c in PlaneClass if c != PlaneClass.COLOR]
+    classes = [*GEOMETRY]
     errors: dict[str, list[NDArray]] = {c.label: [] for c in classes}
     for a, b in layer_pairs(original, decoded):
         if not a.is_per_pixel:
