@@ -22,14 +22,14 @@ def test_an_output_is_the_scene_that_its_own_file_holds(degree: int | None, tmp_
 
     rng, count = torch.Generator().manual_seed(0), 50
     colours = (2, count, 3) if degree is None else (2, count, (degree + 1) ** 2, 3)
-    opacities = torch.rand(2, count, generator=rng)
+    opacities = 0.1 + 0.8 * torch.rand(2, count, generator=rng)
     opacities[1, -5:] = 0
     theirs = Theirs(
         torch.randn(2, count, 3, generator=rng),
         torch.rand(2, count, 3, generator=rng) + 0.01,
         torch.nn.functional.normalize(torch.randn(2, count, 4, generator=rng), dim=-1),
         opacities,
-        torch.rand(*colours, generator=rng),
+        torch.rand(*colours, generator=rng) - (0 if degree is None else 0.5),
         degree,
     )
     K = torch.tensor([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]).expand(2, 3, 3, 3)
