@@ -135,7 +135,7 @@ def test_the_only_import_circle_that_may_be_is_gaussians_that_show_themselves() 
 
 def test_rooms_of_the_runtime_import_only_those_that_architecture_md_has_further_along() -> None:
     """The container is the trust boundary: av does not stand behind it either."""
-    line = re.search(r"^cli ─► .+$", (ROOT / "ARCHITECTURE.md").read_text("utf-8"), re.M)
+    line = re.search(r"^cli ─► .+$", (ROOT / "ARCHITECTURE.md").read_text("utf-8"), re.MULTILINE)
     assert line
     steps = [set(step.split(", ")) for step in line[0].split(" ─► ")]
     along = {room: set[str]().union(*steps[n + 1 :]) for n, step in enumerate(steps) for room in step}

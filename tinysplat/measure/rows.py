@@ -248,7 +248,7 @@ def describe_machine() -> JsonObject:
     cpu, flags, memory = platform.processor() or platform.machine(), "", None
     with contextlib.suppress(OSError):  # not on Linux
         described: dict[str, str] = dict(
-            re.findall(r"^(.+?)\s*: (.*)$", Path("/proc/cpuinfo").read_text("utf-8", "replace"), re.M)
+            re.findall(r"^(.+?)\s*: (.*)$", Path("/proc/cpuinfo").read_text("utf-8", "replace"), re.MULTILINE)
         )
         cpu = described.get("model name", cpu).strip()
         flags = described.get("flags") or described.get("Features") or ""

@@ -72,7 +72,8 @@ def view(args: Namespace) -> None:
             source = SCENE if content.view_count > FEW else None
             parts = {} if source is None else {source: content.data}
             page = scene_page(content.data, source=source, **content.shown)
-            return serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
+            serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
+            return
         if args.files:
             written = _written_files(path, scene_files(content.data, **content.shown))
         else:

@@ -199,8 +199,7 @@ class _Capture:
 
     def _planes(self, view: int) -> NDArray:
         """(1, 3, H, W) float32 of a photo."""
-        planes = (self.photos[view] * np.float32(1 / 65535)).transpose(2, 0, 1)[None]
-        return planes
+        return (self.photos[view] * np.float32(1 / 65535)).transpose(2, 0, 1)[None]
 
     def _run(self, stage: str, view: int, **maps: NDArray) -> dict[str, NDArray]:
         """What a stage makes of a photo and its partners, given their cameras and maps."""

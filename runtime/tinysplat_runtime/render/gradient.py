@@ -315,8 +315,7 @@ class MovableGaussians:
         room = np.empty((0, 0, 0), np.float32) if shown is None else shown
         sought = Sought(target.photo, exposure, room, np.float32(most_left), np.float32(hidden), shares.has_front)
         add_up = partial(self._add_up, pieces, visible, view, gradients) if gradients else None
-        error = self._comparer.compare(visible, view, sought, add_up)
-        return error
+        return self._comparer.compare(visible, view, sought, add_up)
 
     def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
         """What a camera's picture is drawn with, of all views but some."""

@@ -182,8 +182,8 @@ def _fade(geometry: NDArray, start: Number, log_share: Number, work: NDArray) ->
 @compiled
 def clipped(value: Number, low: Number, high: Number) -> Number:
     """A number within limits; NaN is the lower limit. Two choices, as a vector instruction makes them."""
-    value = value if value > low else low
-    return value if value < high else high
+    value = max(low, value)
+    return min(high, value)
 
 
 @compiled
