@@ -44,6 +44,6 @@ def from_ffgs(output: Any, index: int = 0) -> Gaussians:
     if output.cameras is not None:
         height, width = output.cameras.image_shape
         for K, c2w in zip(output.cameras.pixel_k[index], output.cameras.c2w[index], strict=True):
-            matrices = (np.asarray(matrix.detach().cpu(), np.float64) for matrix in (K, c2w))
-            viewpoints.append(Camera(*matrices, width, height))
+            own, placed = (np.asarray(matrix.detach().cpu(), np.float64) for matrix in (K, c2w))
+            viewpoints.append(Camera(own, placed, width, height))
     return Gaussians(**{name: array[is_shown] for name, array in fields.items()}, viewpoints=tuple(viewpoints))
