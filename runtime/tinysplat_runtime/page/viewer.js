@@ -61,7 +61,7 @@ export class Viewer {
     this.wanted = this.flight = null;
     this.fit();
     this.#set(views[first], true);
-    this.hasMoved = false;
+    this.hasMoved = this.isOld = false;
   }
 
   // Ways between the views that there are by now.
@@ -110,7 +110,7 @@ export class Viewer {
   // isElsewhere: so far away that an order of before is none from there.
   #set(pose, isElsewhere = false, zoom = 1) {
     this.camera.set({ ...this.camera, ...pose }, this.scene.reach, zoom);
-    this.hasMoved = true;
+    this.hasMoved = this.isOld = true;
     this.isElsewhere ||= isElsewhere;
     this.isNew ||= isElsewhere;
     this.move();
@@ -202,7 +202,7 @@ export class Viewer {
   }
 
   #moved() {
-    this.isAway = this.hasMoved = true;
+    this.isAway = this.hasMoved = this.isOld = true;
     if (this.near && !this.isFree) this.current = this.nearest()[0];
     this.told.moved();
     this.move();
@@ -318,7 +318,7 @@ export class Viewer {
     if (this.waits && this.splats.isSorted) this.#sort();
     if (this.isDirty || (!moves && this.share < 1)) {
       if (this.#isDrawable()) this.#draw(moves, elapsed);
-      else if (now - this.drawnAt > WAIT_MS) this.#fade(true);
+      else if (this.isOld && now - this.drawnAt > WAIT_MS) this.#fade(true);
     }
     this.wasMoving = moves;
   }
@@ -340,7 +340,7 @@ export class Viewer {
     if (!moves || this.isBare) this.share = 1;
     else if (elapsed > STALLED_MS && this.wasMoving && this.isSwinging && this.share === COARSEST) this.swing(false);
     else if (elapsed > SLOW_MS && this.wasMoving) this.share = Math.max(this.share / 2, COARSEST);
-    this.isDirty = false;
+    this.isDirty = this.isOld = false;
     this.drawnAt = this.last;
     this.#fade(false);
     this.#resize();
