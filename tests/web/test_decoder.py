@@ -29,7 +29,7 @@ from tinysplat_runtime.container.photos import Photos
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
-BOUNDS = {"means": 1e-6, "quats": 2e-6, "scales": 1e-5, "opacities": 2e-6, "sh": 2e-6}
+BOUNDS = {"means": 1e-6, "quats": 2e-6, "scales": 1e-5, "opacities": 2e-6, "sh": 5e-6}
 """Of an array's largest value: onnxruntime's float32 beside doubles."""
 
 
