@@ -32,10 +32,11 @@ SOURCES = 5
 FORWARD = 3
 """Of these, whose maps are tried."""
 
-PASSES = 4
+PASSES, MARGIN = 4, 0.1
+"""Passes, and by how much a plane has to be cheaper than the network's at the end for a pixel to leave that."""
 
-MARGIN = 0.1
-"""By so much a plane has to be cheaper than the network's at the end for a pixel to leave that."""
+FEW, FEW_PASSES, FEW_MARGIN = 6, 2, 0.15
+"""The same for so few photos, which contradict a wrong plane less often."""
 
 CLEAN = 1
 """Radius of the medians of what is found, pixels: on what has no texture there are speckles."""
@@ -94,13 +95,15 @@ def joint_depth(
         low = max(float(inverse[v].min()) * BELOW, 0.3 / far)
         _search(v, planes[v], candidates, low, float(inverse[v].max()) * ABOVE)
 
+    passes, margin = (PASSES, MARGIN) if views > FEW else (FEW_PASSES, FEW_MARGIN)
+
     def settled(v: int) -> None:
         """The better of what was found and what the network says becomes a photo's."""
         if not sources[v]:
             return
         none = np.zeros((0, height, width), np.float32)
         now, before = (_search(v, _sloped(maps), none, 0, 1) for maps in (found[v], inverse[v]))
-        medians(np.where(before - now < MARGIN, inverse[v], found[v]), CLEAN, planes[v, 0])
+        medians(np.where(before - now < margin, inverse[v], found[v]), CLEAN, planes[v, 0])
 
     def _search(v: int, its_planes: NDArray, candidates: NDArray, low: float, high: float) -> NDArray:
         spent = np.zeros((height, width), np.float32)
@@ -122,7 +125,7 @@ def joint_depth(
         return spent
 
     run_jobs(started, range(views))
-    for _ in told.progress("depth of all", range(PASSES)):
+    for _ in told.progress("depth of all", range(passes)):
         run_jobs(searched, range(views))
         for v in range(views):
             found[v] = planes[v, 0]
