@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from conformance.run import CASES
-from console import fail
+from console import tinysplat
 from scenes import make_smooth_gaussians, refusing, write_scene
 from sections import changed_section, file_of, sections_of
 from web.node import Decoder
@@ -43,8 +43,9 @@ def test_names_in_errors_and_warnings_do_not_steer_a_terminal(tmp_path: Path) ->
     document = json.loads((scene / "cameras.json").read_text())
     document["frames"][0]["file"] = f"{STEERING}.png"
     (scene / "cameras.json").write_text(json.dumps(document))
-    line = fail("encode", scene, "-o", tmp_path / "o.tsplat")
-    assert prints(line) and r"\x1b]0;owned\x07\x9b31m" in line
+    done = tinysplat("encode", scene, "-o", tmp_path / "o.tsplat")
+    assert done.returncode == 2 and r"\x1b]0;owned\x07\x9b31m" in done.stderr
+    assert all(prints(line) for line in done.stderr.splitlines(keepends=True))
 
 
 # ---- the page that `view` serves -----------------------------------------------------------------------------------

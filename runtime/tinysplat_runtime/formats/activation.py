@@ -58,6 +58,8 @@ def _scale_doubts(means: NDArray, scales: NDArray) -> list[str]:
     if least < 1 and not (least > 0 and SMALL < typical < most < _MOST_LOGARITHM):
         return []
     apart, extent = _spread(means)
+    if apart < np.finfo(np.float32).tiny:  # all at one place, beside which any size is large
+        return []
     text = f"scales are {typical / apart:.3g} times as large as Gaussians lie apart"
     if least >= 1 and (
         typical > LARGE * apart

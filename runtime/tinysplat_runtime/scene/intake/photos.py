@@ -24,7 +24,13 @@ SMALLER = {"images": ("images_2", "images_4", "images_8")}
 
 _SETTLED_NS = 2_000_000_000  # since a folder's last change, whose time has grains
 
-_MASKS = (".mask", *PHOTO_SUFFIXES)  # of a photo's name, before the ending of its mask
+_BESIDE = (
+    ".mask",
+    "_mask",
+    ".depth",
+    "_depth",
+    *PHOTO_SUFFIXES,
+)  # of a name, before the ending of its mask or depth map
 
 
 def photos_in(folder: Path) -> list[Path]:
@@ -130,7 +136,7 @@ def present(photos: Sequence[Path], where: str) -> list[int]:
     kept = [i for i in range(len(photos)) if i not in set(missing)]
     used = {photos[i] for i in kept}
     folders = sorted({photo.parent for photo in used})
-    there = {path for folder in folders for path in photos_in(folder) if not path.stem.lower().endswith(_MASKS)} | used
+    there = {path for folder in folders for path in photos_in(folder) if not path.stem.lower().endswith(_BESIDE)} | used
     if len(there) > len(used):
         place = f"{folders[0].name}/" if len(folders) == 1 else f"{len(folders)} folders"
         warn(f"{where}: {len(used)} of {len(there)} photos in {place} have a camera; the others are not used")
