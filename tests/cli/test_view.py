@@ -105,6 +105,13 @@ def test_a_page_is_one_file_of_a_scene_and_its_photos_and_a_player_one_of_none(f
     assert sizes[0] < sizes[1] < sizes[2]
 
 
+def test_a_folder_of_plain_files_holds_the_scene(folder: Path, tmp_path: Path) -> None:
+    words = ("view", folder / "f.tsplat", "--files", "--html", f"{tmp_path / 'site'}/")
+    assert "index.html" in console.succeed(*words)
+    assert (tmp_path / "site" / "scene.tsplat").read_bytes() == (folder / "f.tsplat").read_bytes()
+    assert "index.html" in console.succeed(*words)  # again, over its own
+
+
 def test_photos_must_be_of_the_files_views(folder: Path, tmp_path: Path) -> None:
     write_scene(tmp_path / "far", 2, 24, 32)
     document = json.loads((tmp_path / "far" / "cameras.json").read_text())

@@ -217,6 +217,7 @@ def _view(commands: Commands) -> None:
     parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
     parser.add_argument(
         "--files",
+        dest="as_files",
         action="store_true",
         help="--html names a folder, whose files work on sites that allow no inline scripts",
     )

@@ -65,7 +65,7 @@ def view(args: Namespace) -> None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")
     else:
         path = args.html or args.output
-        if args.files and path is None:
+        if args.as_files and path is None:
             raise InputError("goes with --html FOLDER", where="--files")
         content = Content.of(args.file, args.cameras, args.photos)
         if path is None:
@@ -74,7 +74,7 @@ def view(args: Namespace) -> None:
             page = scene_page(content.data, source=source, **content.shown)
             serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
             return
-        if args.files:
+        if args.as_files:
             written = _written_files(path, scene_files(content.data, **content.shown))
         else:
             written = _written(path, scene_page(content.data, **content.shown))
