@@ -207,6 +207,26 @@ def test_a_link_leads_to_the_same_view(browser: Browser, tmp_path: Path) -> None
     tab.close()
 
 
+def test_what_moves_by_itself_is_linked_to_as_it_shows_and_compared_at_a_photo_s_place(
+    browser: Browser, tmp_path: Path
+) -> None:
+    photos = dict(enumerate(np.full((48, 64, 3), level) for level in (0.2, 0.5, 0.8)))
+    (tmp_path / "page.html").write_text(scene_page(coded(3), title="scene", photos=photos))
+    tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240, moves=True)
+    moves = "(page.isSwinging || page.swing(true), page.nearest()[0] !== page.start)"  # slow machines end it
+    tab.wait(f"globalThis.page && page.scene && !panel.hidden && {moves}")
+    tab.evaluate("navigator.clipboard.writeText = async (text) => { globalThis.written = text; }, link.click(), 0")
+    assert "#view=" in tab.evaluate("written")
+    key = {"key": "c", "code": "KeyC", "windowsVirtualKeyCode": 67}
+    tab.send("Input.dispatchKeyEvent", type="keyDown", **key)
+    assert tab.evaluate("[photo.hidden, page.isSwinging]") == [False, False]
+    tab.send("Input.dispatchKeyEvent", type="keyUp", **key)
+    assert tab.evaluate("photo.hidden")
+    tab.wait("!page.flight && !page.wanted")
+    assert tab.evaluate("page.nearest()[0] === page.current")
+    tab.close()
+
+
 def test_a_page_within_another_waits_for_a_tap(browser: Browser, tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text(scene_page(coded(2), title="scene", poster=np.full((48, 64, 3), 0.5)))
     frame = '<iframe src="page.html#embed" style="width: 300px; height: 200px"></iframe>'

@@ -49,8 +49,10 @@ function fillUses(uses) {
 }
 
 class Panel {
-  constructor(viewer) {
+  // link(): the address of what shows now.
+  constructor(viewer, link) {
     this.viewer = viewer;
+    this.link = link;
     this.scene = null;
     this.photos = [];
     this.#listen();
@@ -106,10 +108,14 @@ class Panel {
     find("photoPlace").onchange = () => this.shown();
     find("back").onclick = () => { viewer.back(); viewer.canvas.focus(); };
     find("link").onclick = async () => {
-      find("link").textContent = await copied(location.href) ? "Copied" : "The address bar has the link";
+      find("link").textContent = await copied(this.link()) ? "Copied" : "The address bar has the link";
       setTimeout(() => { find("link").textContent = words; }, 2000);
     };
-    const compare = (isAsked) => { this.compares = isAsked; this.shown(); }, words = find("link").textContent, isC = ({ code, target, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey && target.tagName !== "SELECT";
+    const compare = (isAsked) => {
+      this.compares = isAsked;
+      if (isAsked && this.scene && viewer.isSwinging) viewer.select(viewer.nearest()[0]); // what moves stops at a photo's place
+      this.shown();
+    }, words = find("link").textContent, isC = ({ code, target, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey && target.tagName !== "SELECT";
     find("compare").onpointerdown = () => compare(true);
     for (const name of ["pointerup", "pointercancel", "blur"]) addEventListener(name, () => { if (this.compares) compare(false); });
     find("compare").onclick = ({ detail }) => { if (!detail) compare(!this.compares); }; // by a key
@@ -199,7 +205,7 @@ class Page {
     for (const name of ["popstate", "hashchange"]) addEventListener(name, () => this.#follow());
     this.viewer.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.viewer.lose(); });
     this.viewer.canvas.addEventListener("webglcontextrestored", () => { this.isAgain = true; this.reopen?.()?.catch((error) => this.fail(error)); });
-    this.panel = new Panel(this.viewer);
+    this.panel = new Panel(this.viewer, () => this.#address());
     globalThis.page = this.viewer; // for the console, and for checks
   }
 
@@ -221,16 +227,22 @@ class Page {
     return true;
   }
 
+  #view() { return viewText(this.viewer.camera, this.viewer.scene.frame, this.viewer.cloud.depth); }
+
+  #address(view = this.#view()) {
+    const kept = location.hash.slice(1).split("&").filter((part) => part && !/^(view|camera)=/.test(part));
+    return `${location.href.split("#")[0]}#${[...kept, `view=${view}`].join("&")}`;
+  }
+
   // The address is that of the view, once the camera rests where somebody has led it.
   #rested() {
-    const { camera, scene, cloud, isSwinging, isAway, current, start } = this.viewer;
+    const { isSwinging, isAway, current, start } = this.viewer;
     if (this.isBare || isSwinging || (!isAway && current === start && !this.linked)) return;
-    const text = viewText(camera, scene.frame, cloud.depth);
+    const text = this.#view();
     if (text === this.linked) return;
     this.linked = text;
-    const kept = location.hash.slice(1).split("&").filter((part) => part && !/^(view|camera)=/.test(part));
     try {
-      history.replaceState(null, "", `#${[...kept, `view=${text}`].join("&")}`);
+      history.replaceState(null, "", this.#address(text));
     } catch {
       // where the address is none of the page's own, as in srcdoc
     }
