@@ -147,3 +147,13 @@ def test_pythons_functions_declare_every_option_and_no_other(door, kind: type[Op
     """So that editors and type checkers know them."""
     declared = keywords.__annotations__.keys() | (inspect.signature(door).parameters.keys() & kind.options().keys())
     assert declared == kind.options().keys()
+
+
+def test_a_command_line_takes_back_what_is_on_by_itself() -> None:
+    from tinysplat_runtime.cli.given import asked
+
+    parse = build_parser()[1].choices["encode"].parse_args
+    said, unsaid = (
+        asked(parse(["IN", "-o", "a.tsplat", *words]), EncodeRequest, "IN") for words in (["--no-joint"], [])
+    )
+    assert unsaid.joint and not said.joint

@@ -33,10 +33,11 @@ def voice_of(args: Namespace) -> Voice:
 def asked(args: Namespace, kind: type[Asked], *what: Any, without: Collection[str] = ()) -> Asked:
     """A request of what a command line gives but for some names and groups; InputError names the option at fault."""
     known = kind.options(without=without)
+    unsaid = {name: (None,) if option.off is False else (None, False) for name, option in known.items()}
     values = {name: getattr(args, name, None) for name in known}
     with named(known):
         return kind(
-            *what, **{name: value for name, value in values.items() if value is not None and value is not False}
+            *what, **{name: value for name, value in values.items() if not any(value is one for one in unsaid[name])}
         )
 
 
