@@ -16,6 +16,7 @@ so one is worked on with its sources alone, and no result depends on threads. Co
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,64 +74,94 @@ def joint_depth(
     Returns:
         (V, h, w) float32; photos without a partner as they were.
     """
-    sources = [partners[:SOURCES] for partners in Neighbours.of(cameras, near, far).partners]
-    views, height, width = inverse.shape
-    terms = [_terms(v, sources[v], cameras, Ks) for v in range(views)]
-    planes = disk.zeros((views, 3, height, width))
-    found = disk.zeros(inverse.shape)
+    views = range(len(inverse))
+    beside = [
+        _Beside.of(v, partners[:SOURCES], cameras, Ks)
+        for v, partners in enumerate(Neighbours.of(cameras, near, far).partners)
+    ]
+    matched = [v for v in views if len(beside[v].views) > 1]
+    passes, margin = (PASSES, MARGIN) if len(views) > FEW else (FEW_PASSES, FEW_MARGIN)
+    planes, found = disk.zeros((len(views), 3, *inverse.shape[1:])), disk.zeros(inverse.shape)
 
-    def of(v: int) -> list[int]:
-        return [v, *sources[v]]
-
-    def started(v: int) -> None:
+    def start(v: int) -> None:
         found[v] = inverse[v]
         planes[v] = _sloped(inverse[v])
 
-    def searched(v: int) -> None:
-        if not sources[v]:
-            return
-        candidates = np.zeros((min(FORWARD, len(sources[v])), height, width), np.float32)
-        for out, u, A, b in zip(candidates, sources[v], *terms[v], strict=False):
-            put(found[u], np.linalg.inv(A), b, out)
-        low = max(float(inverse[v].min()) * BELOW, 0.3 / far)
-        _search(v, planes[v], candidates, low, float(inverse[v].max()) * ABOVE)
+    def improve(v: int) -> None:
+        low, high = max(float(inverse[v].min()) * BELOW, 0.3 / far), float(inverse[v].max()) * ABOVE
+        beside[v].search(colours, found, inverse[v], planes[v], beside[v].candidates(found), low, high)
 
-    passes, margin = (PASSES, MARGIN) if views > FEW else (FEW_PASSES, FEW_MARGIN)
-
-    def settled(v: int) -> None:
+    def settle(v: int) -> None:
         """The better of what was found and what the network says becomes a photo's."""
-        if not sources[v]:
-            return
-        none = np.zeros((0, height, width), np.float32)
-        now, before = (_search(v, _sloped(maps), none, 0, 1) for maps in (found[v], inverse[v]))
+        none = np.zeros((0, *inverse.shape[1:]), np.float32)
+        now, before = (
+            beside[v].search(colours, found, inverse[v], _sloped(maps), none, 0, 1) for maps in (found[v], inverse[v])
+        )
         medians(np.where(before - now < margin, inverse[v], found[v]), CLEAN, planes[v, 0])
 
-    def _search(v: int, its_planes: NDArray, candidates: NDArray, low: float, high: float) -> NDArray:
-        spent = np.zeros((height, width), np.float32)
-        its = colours[of(v)].reshape(len(of(v)), height * width, 3)
-        A, b = (np.asarray(term, np.float32) for term in terms[v])
+    run_jobs(start, views)
+    for _ in told.progress("depth of all", range(passes)):
+        run_jobs(improve, matched)
+        for v in matched:
+            found[v] = planes[v, 0]
+    run_jobs(settle, matched)
+    return planes[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A photo beside its sources.
+
+    Attributes:
+        views: its index, then theirs (S).
+        A, b: (S, 3, 3) and (S, 3) float64: its pixel p = (x, y, 1) of inverse depth w lies in a source at A·p + w·b.
+    """
+
+    views: list[int]
+    A: NDArray
+    b: NDArray
+
+    @classmethod
+    def of(cls, v: int, sources: Sequence[int], cameras: Sequence[Camera], Ks: NDArray) -> _Beside:
+        """Photo `v`; the others as for `joint_depth`."""
+        A, b = np.zeros((len(sources), 3, 3)), np.zeros((len(sources), 3))
+        inverse = np.linalg.inv(Ks[v])
+        for s, u in enumerate(sources):
+            turn = Ks[u] @ cameras[u].rotation
+            A[s] = turn @ cameras[v].rotation.T @ inverse
+            b[s] = turn @ (cameras[v].centre - cameras[u].centre)
+        return cls([v, *sources], A, b)
+
+    def candidates(self, found: NDArray) -> NDArray:
+        """(C, h, w) inverse depths that the maps of the nearest sources, of all photos' (V, h, w), put there."""
+        out = np.zeros((min(FORWARD, len(self.b)), *found.shape[1:]), np.float32)
+        for own, u, A, b in zip(out, self.views[1:], self.A, self.b, strict=False):
+            put(found[u], np.linalg.inv(A), b, own)
+        return out
+
+    def search(
+        self, colours: NDArray, found: NDArray, first: NDArray, planes: NDArray, candidates: NDArray, low: float,
+        high: float,
+    ) -> NDArray:  # fmt: skip
+        """`kernels_joint.search` of the photo, whose planes are changed, among all photos' colours and maps; what each
+        pixel's plane costs, (h, w).
+        """
+        its = colours[self.views].reshape(len(self.views), first.size, 3)
+        spent = np.zeros(first.shape, np.float32)
         search(
             its.mean(axis=2),
             its.reshape(len(its), -1),
-            found[of(v)].reshape(len(its), -1),
-            A,
-            b,
-            its_planes,
-            inverse[v],
+            found[self.views].reshape(len(its), -1),
+            self.A.astype(np.float32),
+            self.b.astype(np.float32),
+            planes,
+            first,
             candidates,
             np.float32(low),
             np.float32(high),
             spent,
         )
         return spent
-
-    run_jobs(started, range(views))
-    for _ in told.progress("depth of all", range(passes)):
-        run_jobs(searched, range(views))
-        for v in range(views):
-            found[v] = planes[v, 0]
-    run_jobs(settled, range(views))
-    return planes[:, 0]
 
 
 def doubled(maps: NDArray) -> NDArray:
@@ -143,17 +174,6 @@ def doubled(maps: NDArray) -> NDArray:
         shape = [2 * side if a == axis else side for a, side in enumerate(maps.shape)]
         maps = np.stack(pairs, axis=axis + 1).reshape(shape)
     return maps
-
-
-def _terms(v: int, sources: Sequence[int], cameras: Sequence[Camera], Ks: NDArray) -> tuple[NDArray, NDArray]:
-    """A (S, 3, 3) and b (S, 3) float64: a pixel p = (x, y, 1) of inverse depth w lies in a source at A·p + w·b."""
-    A, b = np.zeros((len(sources), 3, 3)), np.zeros((len(sources), 3))
-    inverse = np.linalg.inv(Ks[v])
-    for s, u in enumerate(sources):
-        turn = Ks[u] @ cameras[u].rotation
-        A[s] = turn @ cameras[v].rotation.T @ inverse
-        b[s] = turn @ (cameras[v].centre - cameras[u].centre)
-    return A, b
 
 
 def _sloped(inverse: NDArray) -> NDArray:
