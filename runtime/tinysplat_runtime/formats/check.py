@@ -13,6 +13,7 @@ from ..render import DEFINITION, Renderer
 from ..render.paths import orbit, outside
 from ..scene.cameras import Camera
 from ..system.decibels import CEILING, decibels
+from ..system.evenly import evenly
 from ..system.files import StrPath
 from .table import load_gaussians
 
@@ -64,8 +65,7 @@ def _views(gaussians: Gaussians) -> Sequence[Camera]:
         means = gaussians.flat().means.astype(np.float64) + gaussians.origin
         depth = float(np.median((means - camera.centre) @ camera.c2w[:3, 2]))
         return orbit([camera], 4, depth)
-    every = np.linspace(0, len(gaussians.cameras) - 1, min(MAX_VIEWS, len(gaussians.cameras)))
-    return [gaussians.cameras[int(v)] for v in every.round()]
+    return [gaussians.cameras[v] for v in evenly(len(gaussians.cameras), MAX_VIEWS)]
 
 
 def _parts(path: Path) -> list[Path]:

@@ -18,6 +18,7 @@ from ..render import Renderer
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
+from ..system.evenly import evenly
 from .prepare import ALL_VIEWS
 from .stages import Tools
 
@@ -68,7 +69,7 @@ def looked_at(count: int) -> list[int]:
     """Which of so many photos a scene is compared with."""
     if count in ALL_VIEWS:
         return list(range(count))
-    return [int(i) for i in np.rint(np.linspace(0, count - 1, min(count, OWN_VIEWS)))]
+    return evenly(count, OWN_VIEWS)
 
 
 def near_of(data: bytes, photos: int, tools: Tools, model: str) -> Near:

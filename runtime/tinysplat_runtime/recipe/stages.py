@@ -29,6 +29,7 @@ from ..graphs.inference import GraphStore
 from ..render import Renderer
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
+from ..system.evenly import evenly
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
 from .request import Coding, EncodeRequest
@@ -173,10 +174,10 @@ def _views_of_list(gaussians: Gaussians) -> Views:
 
 def _measure(job: Job, data: bytes, limits: Limits) -> None:
     """Fill the stats with dB of a list's file against all Gaussians, from views that chose nothing."""
-    from ..codec.list.views import evenly, pictures_of
+    from ..codec.list.views import pictures_of, some
 
     views = _views_of_list(job.gaussians)
-    cameras = evenly(views.judging, MEASURED_VIEWS)
+    cameras = some(views.judging, MEASURED_VIEWS)
     if not cameras:
         return
     again = decode_gaussians(data, job.store, threads=job.threads, limits=limits)
@@ -193,8 +194,7 @@ def _fidelity(job: Job, limits: Limits) -> Callable[[bytes], float]:
     gaussians, store, threads = job.gaussians, job.store, job.threads
     renderer = Renderer(gaussians, threads=threads, compiled=False)
     own = gaussians.cameras
-    chosen = np.linspace(0, len(own) - 1, min(MOST_JUDGED, len(own))).round().astype(int)
-    cameras = [own[index] for index in chosen] or _views_of_list(gaussians).judging[:LIST_VIEWS]
+    cameras = [own[index] for index in evenly(len(own), MOST_JUDGED)] or _views_of_list(gaussians).judging[:LIST_VIEWS]
     raw = [renderer.render(camera) for camera in cameras]
 
     def measure(data: bytes) -> float:

@@ -20,6 +20,7 @@ from ..render.near import Shares
 from ..scene.cameras import Camera
 from ..system import disk
 from ..system.decibels import decibels
+from ..system.evenly import evenly
 from . import kernels
 from .price import PlanePrice
 from .schedule import Turn, held_back, order, turn
@@ -89,9 +90,8 @@ class Loop:
             self._edges |= {
                 grid: self._edge_weights(grid, of_view) for grid, of_view in zip(grids, weights, strict=True)
             }
-        spread = np.unique(np.linspace(0, views - 1, min(views, JUDGED)).round().astype(int)).tolist()
         self.held = held_back(views, settings.held_back)
-        self.judged = self.held or spread
+        self.judged = self.held or evenly(views, JUDGED)
         self._covered: dict[int, Target] = {}
         self._between = [self._halfway(view) for view in range(views)]
         fronts = (field.shares(camera) for cameras in self._between for camera in cameras)

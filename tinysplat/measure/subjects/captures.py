@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import ALL
 from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.system.evenly import evenly
 
 TARGETS = 8
 """Photos drawn at most."""
@@ -40,8 +39,7 @@ class Capture:
 
 def spread(scene: Scene, count: int) -> Scene:
     """So many of a scene's photos, from the first to the last; all where there are no more."""
-    last = len(scene.frames) - 1
-    return scene.views(np.rint(np.linspace(0, last, min(count, last + 1))).astype(int).tolist())
+    return scene.views(evenly(len(scene.frames), count))
 
 
 def found_for(scene: Scene) -> Scene:

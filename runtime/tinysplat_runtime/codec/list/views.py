@@ -20,6 +20,7 @@ from ...render.paths import between, looking_along, orbit
 from ...render.renderer import NEAR_PLANE
 from ...scene.cameras import Camera
 from ...scene.neighbours import spread, view_places
+from ...system.evenly import evenly
 from .evenness import is_uneven, sizes_about
 
 SIDE = 384
@@ -95,7 +96,7 @@ class Views:
 
     def some(self, count: int) -> list[Camera]:
         """At most so many of those that decide, evenly."""
-        return evenly(self.deciding, count)
+        return some(self.deciding, count)
 
 
 def views_of(gaussians: Gaussians) -> Views:
@@ -169,12 +170,12 @@ def _views_through(gaussians: Gaussians) -> tuple[list[Camera], list[Camera]] | 
     if not pairs:
         around = orbit(cameras[:1], 2 * JUDGES, depth)
         halfway, beside = around[0::2], around[1::2]
-    return [*cameras, *evenly(halfway, MOST_DECIDING - len(cameras))], evenly(beside, JUDGES)
+    return [*cameras, *some(halfway, MOST_DECIDING - len(cameras))], some(beside, JUDGES)
 
 
-def evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
+def some(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """At most so many, evenly."""
-    return [cameras[n] for n in np.linspace(0, len(cameras) - 1, min(count, len(cameras))).round().astype(int)]
+    return [cameras[n] for n in evenly(len(cameras), count)]
 
 
 def _shrunk(camera: Camera) -> Camera:
@@ -202,7 +203,7 @@ def _showing(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[list[Came
     if seen.mean() < LEAST_SEEN or len(showing) <= len(cameras) / 2:
         return [], 0.0
     renderer, shows = Renderer(gaussians, **DEFINITION), []
-    for number in np.unique(np.linspace(0, len(showing) - 1, _TRIED).round().astype(int)):
+    for number in evenly(len(showing), _TRIED):
         drawn = renderer.render(showing[number].resized(32, 32), outputs=("depth", "alpha"))
         covered = drawn["alpha"] > 0.5
         before = float(np.median(drawn["depth"][covered])) if covered.any() else 0.0

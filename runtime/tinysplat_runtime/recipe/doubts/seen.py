@@ -15,6 +15,7 @@ from ...scene.look import LOOK_WIDTH, PLANES, neighbours, thumbnail_size
 from ...scene.matches import Corners, corners, depths_told, inliers, matched
 from ...scene.resampling import resize_cover
 from ...scene.scenes import Frame, Scene
+from ...system.evenly import evenly
 from ...system.told import Told
 
 CLOSER = 4
@@ -52,7 +53,7 @@ class Seen:
         closer = tuple(frame.resized(height, width) for frame in scene.frames)  # read once, and not kept
         scene.check_one_size()
         count = len(closer)
-        looked = set(np.linspace(0, count - 1, min(count, FEW)).round().astype(int).tolist())
+        looked = set(evenly(count, FEW))
         images, corners_of = [], {}
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
         for v, (frame, close, target) in enumerate(told.progress("checking", frames)):
