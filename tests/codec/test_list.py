@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import make_list, refusing
+from scenes import list_in_tiers, make_list, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.list.attributes import Columns, expanded, from_columns, to_columns
-from tinysplat_runtime.codec.list.encoder import LEAST_OPACITY
 from tinysplat_runtime.codec.list.octree import decode_points, encode_points
+from tinysplat_runtime.codec.list.visible import LEAST_OPACITY
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.errors import FormatError, InputError
+from tinysplat_runtime.errors import FormatError, InputError, InputWarning
 from tinysplat_runtime.gaussian.curve import cells_of, morton_keys
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
@@ -167,6 +167,14 @@ def test_gaussians_that_nothing_shows_are_left_out():
     with pytest.raises(InputError) as caught:
         coded(replace(gaussians, opacities=np.zeros(60, np.float32)))
     assert caught.value.where == "opacities"
+
+
+def test_what_lies_too_far_out_is_left_out_of_its_tier_too():
+    gaussians = cloud(60)
+    means = np.where(np.arange(60)[:, None] == 5, np.float32(1e12), gaussians.means)
+    with pytest.warns(InputWarning, match="1 Gaussians"):
+        data = list_in_tiers(replace(gaussians, means=means))
+    assert ts.decompress(data).count == 59
 
 
 def test_targets_are_met():

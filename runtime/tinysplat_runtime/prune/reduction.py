@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..codec.list.encoder import visible
 from ..codec.list.views import views_of_anything
+from ..codec.list.visible import visible
 from ..codec.search import tries
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians

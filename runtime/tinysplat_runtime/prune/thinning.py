@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codec.job import EncodeStats
-from ..codec.list.encoder import ListEncoder, visible
+from ..codec.list.encoder import ListEncoder
 from ..codec.list.views import Views
+from ..codec.list.visible import visible
 from ..codec.profiles import Profile
 from ..codec.search import Coder
 from ..gaussian.gaussians import Gaussians

@@ -147,8 +147,8 @@ def _thinning(job: Job) -> Coder:
     """What leaves Gaussians out; without numba, or where nobody knows what people see of them, what keeps all and a
     warning that says so.
     """
-    from ..codec.list.encoder import visible
     from ..codec.list.views import views_of
+    from ..codec.list.visible import visible
     from ..codec.modes.list import encoder
 
     try:
@@ -166,8 +166,8 @@ def _thinning(job: Job) -> Coder:
 
 def _views_of_list(gaussians: Gaussians) -> Views:
     """Views of Gaussians of no pixels: beside those of their photos, or from outside."""
-    from ..codec.list.encoder import visible
     from ..codec.list.views import views_of_anything
+    from ..codec.list.visible import visible
 
     return views_of_anything(visible(gaussians))
 

@@ -16,8 +16,9 @@ from itertools import zip_longest
 from pathlib import Path
 
 from tinysplat_runtime.codec.job import EncodeStats
-from tinysplat_runtime.codec.list.encoder import ListEncoder, visible
+from tinysplat_runtime.codec.list.encoder import ListEncoder
 from tinysplat_runtime.codec.list.views import views_of_anything
+from tinysplat_runtime.codec.list.visible import visible
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError

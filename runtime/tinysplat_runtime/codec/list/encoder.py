@@ -34,7 +34,7 @@ from ...container.list import (
 )
 from ...container.records import ChannelRecord
 from ...container.writer import write_container
-from ...errors import InputError, warn
+from ...errors import InputError
 from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
@@ -52,16 +52,14 @@ from ..search import Coder
 from .attributes import KNEE, LEAST_SCALE, Columns, companded, from_columns, to_columns
 from .decoder import columns_of
 from .evenness import sizes_about
-from .grid import BULK, cells_in, grid_of, means_of, with_cell
+from .grid import cells_in, grid_of, means_of, with_cell
 from .levels import WHOLE, Level, Tiers
 from .octree import encode_points
 from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
 from .planes import to_plane
 from .steps import DENSE_PLACE, OBJECT, OBJECT_DB, PLACE_DB, SPARSE, Steps, of_pictures
 from .views import Views, pictures_of, views_of
-
-LEAST_OPACITY = 1 / 255
-"""Below it a Gaussian is not drawn by any renderer, and left out."""
+from .visible import visible_rows
 
 ROUND, LONGEST, COARSEST_TURN = 1.5, 80, 16.0
 """How a round Gaussian is turned does not show: steps of rotation are as many times coarser as the logarithm of the
@@ -71,12 +69,6 @@ many times. Trained scenes have 3.7 and more, fused captures 0.2.
 
 EVEN_SIZES = 8.0
 """Sizes of a place all have steps of the same share: they are coded where `companded` is so many times finer."""
-
-LOST = 1e8
-"""Distance from the middle of the bulk, in its radii, from which positions have no room for both."""
-
-MAX_VALUE = 1e30
-"""Largest number of a mean, a scale or an SH coefficient that is looked at: as large as a decoded one may be."""
 
 BRIGHTEST = 32.0
 """SH coefficients are cut at so many times the spread of all but a hundredth of them, or at this number if that is
@@ -170,9 +162,10 @@ class ListEncoder(Coder):
         Raises:
             InputError: no Gaussian shows; or numbers beyond what a file can hold.
         """
-        self._gaussians = visible(gaussians)
-        whole = Tiers.whole(self._gaussians.count)
-        self._tiers = tiers.of(gaussians.opacities >= LEAST_OPACITY) if tiers else whole
+        flat = gaussians.flat()
+        shown = visible_rows(flat)
+        self._gaussians = flat.taken(shown)
+        self._tiers = tiers.of(shown) if tiers else Tiers.whole(self._gaussians.count)
         self._recolour = recolour
         views = views or views_of(self._gaussians)
         self._sizes = None if views.is_object else sizes_about(self._gaussians)
@@ -278,26 +271,6 @@ class ListEncoder(Coder):
             coded.append(Tier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth=growth))
         degree = math.isqrt(len(mean) // 3) - 1
         return ListScene(degree, middle, thresholds, weights, mean, basis, tuple(coded))
-
-
-def visible(gaussians: Gaussians) -> Gaussians:
-    """As one list, without those that no renderer shows; errors as those of `ListEncoder`."""
-    flat = gaussians.flat()
-    for name in ("means", "scales", "sh"):
-        largest = float(np.abs(getattr(flat, name)).max())
-        if largest > MAX_VALUE:
-            raise InputError(f"numbers of up to {largest:.3g}, accepted is at most {MAX_VALUE:g}", where=name)
-    is_shown = flat.opacities >= LEAST_OPACITY
-    if not is_shown.any():
-        raise InputError(f"none of at least {LEAST_OPACITY:.4f}: there is nothing to show", where="opacities")
-    shown = flat.taken(is_shown)
-    low, high = np.percentile(shown.means.astype(np.float64), BULK, axis=0)
-    bulk = max(float(np.linalg.norm(high - low)) / 2, float(np.median(shown.scales.max(axis=1))))
-    is_lost = np.abs(shown.means - (low + high) / 2).max(axis=1) > LOST * bulk
-    if not is_lost.any() or not bulk:
-        return shown
-    warn(f"{int(is_lost.sum())} Gaussians lie more than {LOST:g} times as far out as most and are left out")
-    return shown.taken(~is_lost)
 
 
 def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
