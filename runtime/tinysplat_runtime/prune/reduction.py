@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..codec.list.views import views_of_anything
+from ..codec.list.views import from_anywhere, views_of
 from ..codec.list.visible import visible
 from ..codec.search import tries
 from ..errors import warn
@@ -32,7 +32,7 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
         InputError: no Gaussian shows.
     """
     shown = visible(gaussians)
-    views = views_of_anything(shown)
+    views = from_anywhere(views_of(shown), shown)
     if views.doubt:
         warn(f"Gaussians left out by views from outside: {views.doubt}")
     remover = Remover(shown, views.deciding, Crew(threads).map, views.judging)

@@ -5,7 +5,7 @@ Each is given `Tools`, which a `Runtime` is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -27,6 +27,7 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..render import Renderer
+from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
 from ..system.evenly import evenly
@@ -97,27 +98,64 @@ def code(
     """
     profile, qp, own = coding.planes, coding.step_qp, stats or EncodeStats()
     job = Job(gaussians, profile, qp, tools.store, tools.threads, own, coding.drop_invalid)
-    coder = _coder(job, coding, tools.limits, keep_all=keep_all)
-    if coding.target_size is not None:
-        data = code_to_size(coder, coding.target_size)
-    elif coding.target_psnr is not None:
-        data = code_to_psnr(coder, coding.target_psnr, _fidelity(job, tools.limits))
+    like = coding.example()
+    if like is None and not coding.lossless and not gaussians.is_per_pixel:
+        return _code_list(job, coding, tools.limits, keep_all=keep_all, is_measured=stats is not None)
+    if like is not None:
+        coder: Coder = Once(job.profile, lambda: encode_like(job, like, tools.limits))
     else:
-        data = coder.code(job.qp)
-    if stats is not None and stats.mode == List.mode:
-        with stats.watch.stage("measure"):
-            _measure(job, data, tools.limits)
+        own.mode = (Exact if coding.lossless else Planes).mode
+        coder = MODES[own.mode].coder_of(job)
+    cameras = gaussians.cameras
+    return _meeting(coder, coding, job, tools.limits, [cameras[index] for index in evenly(len(cameras), MOST_JUDGED)])
+
+
+def _code_list(job: Job, coding: Coding, limits: Limits, *, keep_all: bool, is_measured: bool) -> bytes:
+    """The file of Gaussians of no pixels; `is_measured` fills the stats with its error."""
+    from ..codec.list.views import from_anywhere, views_of
+    from ..codec.list.visible import visible
+
+    job.stats.mode = List.mode
+    shown = visible(job.gaussians)
+    views = views_of(shown)
+    looking = from_anywhere(views, shown) if is_measured or coding.target_psnr is not None else views
+    coder = _list_coder(replace(job, gaussians=shown), views, keep_all=keep_all)
+    data = _meeting(coder, coding, job, limits, looking.judging[:LIST_VIEWS])
+    if is_measured:
+        with job.stats.watch.stage("measure"):
+            _measure(job, data, limits, looking)
     return data
 
 
-def _coder(job: Job, coding: Coding, limits: Limits, *, keep_all: bool) -> Coder:
-    """What codes the job: like a file, bit for bit, as planes, or as a list."""
-    like = coding.example()
-    if like is not None:
-        return Once(job.profile, lambda: encode_like(job, like, limits))
-    body = Exact if coding.lossless else Planes if job.gaussians.is_per_pixel else List
-    job.stats.mode = body.mode
-    return _thinning(job) if body is List and not keep_all else MODES[body.mode].coder_of(job)
+def _list_coder(job: Job, views: Views, *, keep_all: bool) -> Coder:
+    """What leaves Gaussians out that are not worth their bytes; or what keeps all: where that is asked for, and with a
+    warning without numba, or where nobody knows what people see of them.
+    """
+    from ..codec.modes.list import encoder
+
+    if keep_all:
+        return encoder(job, views)
+    try:
+        from ..prune.thinning import ThinningEncoder
+    except ImportError as error:
+        fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
+        warn(fault)
+        return encoder(job, views)
+    if not views.doubt:
+        return ThinningEncoder(job.gaussians, views, job.profile, threads=job.threads, stats=job.stats)
+    warn(f"all Gaussians are kept: {views.doubt}")
+    if not job.gaussians.viewpoints:
+        return encoder(job, views)
+    return encoder(replace(job, gaussians=replace(job.gaussians, viewpoints=())))  # looked at as if there were none
+
+
+def _meeting(coder: Coder, coding: Coding, job: Job, limits: Limits, cameras: Sequence[Camera]) -> bytes:
+    """The file that meets what is asked for; dB are those of pictures that cameras take."""
+    if coding.target_size is not None:
+        return code_to_size(coder, coding.target_size)
+    if coding.target_psnr is not None:
+        return code_to_psnr(coder, coding.target_psnr, _fidelity(job, limits, cameras))
+    return coder.code(job.qp)
 
 
 def code_photos(
@@ -143,40 +181,10 @@ def code_photos(
     return data if stats.mode == mode.name else planes
 
 
-def _thinning(job: Job) -> Coder:
-    """What leaves Gaussians out; without numba, or where nobody knows what people see of them, what keeps all and a
-    warning that says so.
-    """
-    from ..codec.list.views import views_of
-    from ..codec.list.visible import visible
-    from ..codec.modes.list import encoder
-
-    try:
-        from ..prune.thinning import ThinningEncoder
-    except ImportError as error:
-        fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
-        warn(fault)
-        return encoder(job)
-    views = views_of(visible(job.gaussians))
-    if views.doubt:
-        warn(f"all Gaussians are kept: {views.doubt}")
-        return encoder(replace(job, gaussians=replace(job.gaussians.flat(), viewpoints=())))
-    return ThinningEncoder(job.gaussians, views, job.profile, threads=job.threads, stats=job.stats)
-
-
-def _views_of_list(gaussians: Gaussians) -> Views:
-    """Views of Gaussians of no pixels: beside those of their photos, or from outside."""
-    from ..codec.list.views import views_of_anything
-    from ..codec.list.visible import visible
-
-    return views_of_anything(visible(gaussians))
-
-
-def _measure(job: Job, data: bytes, limits: Limits) -> None:
+def _measure(job: Job, data: bytes, limits: Limits, views: Views) -> None:
     """Fill the stats with dB of a list's file against all Gaussians, from views that chose nothing."""
     from ..codec.list.views import pictures_of, some
 
-    views = _views_of_list(job.gaussians)
     cameras = some(views.judging, MEASURED_VIEWS)
     if not cameras:
         return
@@ -186,15 +194,11 @@ def _measure(job: Job, data: bytes, limits: Limits) -> None:
     job.stats.psnr, job.stats.views = decibels(float(error)), f"{len(cameras)} views {views.text}"
 
 
-def _fidelity(job: Job, limits: Limits) -> Callable[[bytes], float]:
-    """PSNR of a file's pictures to those of its Gaussians as `render` draws them by default, the mean over their views,
-    of many over some of them, or over some made up.
-    """
+def _fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Callable[[bytes], float]:
+    """PSNR of a file's pictures to those of its Gaussians as `render` draws them by default, the mean over cameras."""
     # In numpy, so that no byte depends on whether numba is installed.
-    gaussians, store, threads = job.gaussians, job.store, job.threads
-    renderer = Renderer(gaussians, threads=threads, compiled=False)
-    own = gaussians.cameras
-    cameras = [own[index] for index in evenly(len(own), MOST_JUDGED)] or _views_of_list(gaussians).judging[:LIST_VIEWS]
+    store, threads = job.store, job.threads
+    renderer = Renderer(job.gaussians, threads=threads, compiled=False)
     raw = [renderer.render(camera) for camera in cameras]
 
     def measure(data: bytes) -> float:

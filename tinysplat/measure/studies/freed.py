@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.codec.list.encoder import ListEncoder
-from tinysplat_runtime.codec.list.views import views_of_anything
+from tinysplat_runtime.codec.list.views import from_anywhere, views_of
 from tinysplat_runtime.codec.list.visible import visible
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.container.layout import SUFFIX
@@ -73,7 +73,8 @@ def free_rows(run: Run) -> Iterator[Row]:
 def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
     """Files of ours; what pictures need is ranked once."""
     gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
-    views = views_of_anything(visible(gaussians))
+    shown = visible(gaussians)
+    views = from_anywhere(views_of(shown), shown)
     thinning = ThinningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
     for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
         whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats(), views=views)

@@ -117,15 +117,15 @@ def views_of(gaussians: Gaussians) -> Views:
     return Views([], [], False, "from nowhere", doubt)
 
 
-def views_of_anything(gaussians: Gaussians) -> Views:
-    """The same, but from outside, and from the middle of rooms, where nobody knows where people stand."""
-    views = views_of(gaussians)
+def from_anywhere(views: Views, gaussians: Gaussians) -> Views:
+    """The views of (N,) Gaussians, or where nobody knows where people stand, those from outside and from the middle of
+    rooms.
+    """
     if not views.doubt:
         return views
     deciding, judging = _views_outside(gaussians)
-    return replace(
-        views, deciding=deciding, judging=judging, text="from outside, as nobody knows where photos were taken"
-    )
+    text = "from outside, as nobody knows where photos were taken"
+    return replace(views, deciding=deciding, judging=judging, text=text)
 
 
 def _views_outside(gaussians: Gaussians) -> tuple[list[Camera], list[Camera]]:

@@ -14,6 +14,7 @@ from .mode import Mode
 
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ..list.encoder import ListEncoder
+    from ..list.views import Views
 
 
 def encode(job: Job) -> bytes:
@@ -21,11 +22,11 @@ def encode(job: Job) -> bytes:
     return encoder(job).code(job.qp)
 
 
-def encoder(job: Job) -> ListEncoder:
-    """What codes the job's Gaussians at any Q_g."""
+def encoder(job: Job, views: Views | None = None) -> ListEncoder:
+    """What codes the job's Gaussians at any Q_g; views as for `ListEncoder`."""
     from ..list.encoder import ListEncoder
 
-    return ListEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats)
+    return ListEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats, views=views)
 
 
 def decode(file: OpenFile, body: List) -> Gaussians:
