@@ -182,8 +182,8 @@ def _fade(geometry: NDArray, start: Number, log_share: Number, work: NDArray) ->
 @compiled
 def clipped(value: Number, low: Number, high: Number) -> Number:
     """A number within limits; NaN is the lower limit. Two choices, as a vector instruction makes them."""
-    value = max(low, value)
-    return min(high, value)
+    value = value if value > low else low  # noqa: FURB136  # NaN becomes low, which max() does not promise
+    return value if value < high else high  # noqa: FURB136
 
 
 @compiled
