@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
+from ..scene.images import doubled
 from ..scene.neighbours import Group, view_places
 from ..system import disk
 from ..system.told import NOBODY, Told
@@ -148,7 +149,7 @@ class _Capture:
 
     def agree(self, run_jobs: Callable, told: Told) -> None:
         """Correct depths of all photos, of which every one is estimated, until they agree."""
-        from .joint import doubled, joint_depth  # needs numba
+        from .joint import joint_depth  # needs numba
 
         camera, levels = self.cameras[0], self.estimates["level"]
         views, _, _, *padded_to = levels.shape
@@ -165,7 +166,7 @@ class _Capture:
         rest = [(0, padded_to[0] - height), (0, padded_to[1] - width)]
         for v in range(views):
             maps = np.pad(found[v], rest, mode="edge")
-            for name, its in (("level", maps), ("full", doubled(maps))):
+            for name, its in (("level", maps), ("full", doubled(doubled(maps, 0), 1) / 16)):
                 self.estimates[name][v, 0, 0] = ((its - offset[v]) / span[v]).clip(0, 1)
 
     def estimated(self, view: int) -> None:

@@ -164,18 +164,6 @@ class _Beside:
         return spent
 
 
-def doubled(maps: NDArray) -> NDArray:
-    """(2h, 2w) of (h, w), bilinear: pixels lie a quarter from the nearest, edges are repeated."""
-    for axis in (0, 1):
-        padded = np.pad(maps, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
-        n = maps.shape[axis]
-        before, own, after = (padded.take(range(k, k + n), axis) for k in range(3))
-        pairs = [np.float32(0.75) * own + np.float32(0.25) * other for other in (before, after)]
-        shape = [2 * side if a == axis else side for a, side in enumerate(maps.shape)]
-        maps = np.stack(pairs, axis=axis + 1).reshape(shape)
-    return maps
-
-
 def _sloped(inverse: NDArray) -> NDArray:
     """(3, h, w) planes of inverse depths (h, w): slopes are differences to the right and below, smoothed."""
     planes = np.empty((3, *inverse.shape), np.float32)
