@@ -24,13 +24,8 @@ SMALLER = {"images": ("images_2", "images_4", "images_8")}
 
 _SETTLED_NS = 2_000_000_000  # since a folder's last change, whose time has grains
 
-_BESIDE = (
-    ".mask",
-    "_mask",
-    ".depth",
-    "_depth",
-    *PHOTO_SUFFIXES,
-)  # of a name, before the ending of its mask or depth map
+_BESIDE = (".mask", "_mask", ".depth", "_depth", *PHOTO_SUFFIXES)
+"""Ends of a name, before the ending, of the mask or the depth map of a photo."""
 
 
 def photos_in(folder: Path) -> list[Path]:
@@ -133,7 +128,7 @@ def present(photos: Sequence[Path], where: str) -> list[int]:
     if missing:
         names = ", ".join(photos[i].name for i in missing[:3]) + (", …" if len(missing) > 3 else "")
         warn(f"{where}: {len(missing)} of {len(photos)} photos are not there and left out ({names})")
-    kept = [i for i in range(len(photos)) if i not in set(missing)]
+    kept = sorted({*range(len(photos))}.difference(missing))
     used = {photos[i] for i in kept}
     folders = sorted({photo.parent for photo in used})
     there = {path for folder in folders for path in photos_in(folder) if not path.stem.lower().endswith(_BESIDE)} | used
