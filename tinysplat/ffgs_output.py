@@ -32,11 +32,9 @@ def from_ffgs(output: Any, index: int = 0) -> Gaussians:
         InputError: nothing is visible, or numbers are out of range.
     """
     output = output.to_world() if output.frame is not None else output
-    given, fields = output.gaussians, {}
-    for name, tensor in (("means", given.means), ("quats", given.quats), ("scales", given.scales)):
-        fields[name] = tensor[index].detach().cpu().float().numpy()
-    fields["opacities"] = given.opacities[index].detach().cpu().float().numpy()
-    fields["sh"] = given.sh()[index].detach().cpu().float().numpy()
+    given = output.gaussians
+    tensors = {name: getattr(given, name) for name in ("means", "quats", "scales", "opacities")} | {"sh": given.sh()}
+    fields = {name: tensor[index].detach().cpu().float().numpy() for name, tensor in tensors.items()}
     is_shown = fields["opacities"] > 0
     if not is_shown.any():
         raise InputError("all are 0: there is nothing to show", where="opacities")
