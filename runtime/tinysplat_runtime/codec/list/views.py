@@ -110,7 +110,7 @@ def views_of(gaussians: Gaussians) -> Views:
         shown = f"{count} cameras show" if count > 1 else "one camera shows"
         doubt = f"{shown} too little of them; are cameras those of this scene?"
     elif is_object:
-        return Views(*_views_outside(gaussians), is_object, "about an object")
+        return Views(*_views_outside(gaussians, is_room=False), is_object, "about an object")
     else:
         doubt = "which of them pictures need follows from where people stand, and these are not surely an object"
         doubt += " seen from outside; --cameras makes the file smaller"
@@ -123,15 +123,15 @@ def from_anywhere(views: Views, gaussians: Gaussians) -> Views:
     """
     if not views.doubt:
         return views
-    deciding, judging = _views_outside(gaussians)
+    deciding, judging = _views_outside(gaussians, is_room=_is_room(gaussians))
     text = "from outside, as nobody knows where photos were taken"
     return replace(views, deciding=deciding, judging=judging, text=text)
 
 
-def _views_outside(gaussians: Gaussians) -> tuple[list[Camera], list[Camera]]:
+def _views_outside(gaussians: Gaussians, *, is_room: bool) -> tuple[list[Camera], list[Camera]]:
     if _lies_too_far(gaussians):
         return [], []
-    return views_about(gaussians, COUNT), views_about(gaussians, JUDGES, turned=1.0)
+    return _views_about(gaussians, COUNT, 0.0, is_room), _views_about(gaussians, JUDGES, 1.0, is_room)
 
 
 def pictures_of(gaussians: Gaussians, cameras: Sequence[Camera], threads: int) -> list[NDArray]:
@@ -156,7 +156,7 @@ def is_surely_an_object(gaussians: Gaussians) -> bool:
     renderer = Renderer(gaussians, **DEFINITION)
     outer = [camera.resized(64, 64) for camera in _outer_views(gaussians, OUTER, 0.0)]
     covered = [(renderer.render(camera, outputs=("alpha",))["alpha"] > 0.5).mean() for camera in outer]
-    return bool(np.median(covered) <= MOST_COVERED) and not _is_room(gaussians, *_bulk(gaussians))
+    return bool(np.median(covered) <= MOST_COVERED) and not _is_room(gaussians)
 
 
 def _views_through(gaussians: Gaussians) -> tuple[list[Camera], list[Camera]] | None:
@@ -230,8 +230,12 @@ def views_about(gaussians: Gaussians, count: int, turned: float = 0.0) -> list[C
     They stand outside, some of them near, evenly on the sphere but for its poles; of a room, a third of all
     stand in its middle and look outwards.
     """
-    middle, diagonal = _bulk(gaussians)
-    inner = count // 3 if _is_room(gaussians, middle, diagonal) else 0
+    return _views_about(gaussians, count, turned, _is_room(gaussians))
+
+
+def _views_about(gaussians: Gaussians, count: int, turned: float, is_room: bool) -> list[Camera]:
+    middle, _ = _bulk(gaussians)
+    inner = count // 3 if is_room else 0
     within = [_camera(middle, _on_the_sphere(n, inner, 0.5, turned), SIDE / 2, SIDE) for n in range(inner)]
     return _outer_views(gaussians, count - inner, turned) + within
 
@@ -276,8 +280,11 @@ def _camera(place: NDArray, direction: NDArray, focal: float, side: int) -> Came
     return Camera(np.array([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1]]), c2w, side, side)
 
 
-def _is_room(gaussians: Gaussians, middle: NDArray, diagonal: float) -> bool:
-    """Whether the middle is empty and walled in."""
+def _is_room(gaussians: Gaussians) -> bool:
+    """Whether the middle is empty and walled in; not where no camera can stand about (N,) Gaussians."""
+    if _lies_too_far(gaussians):
+        return False
+    middle, diagonal = _bulk(gaussians)
     renderer = Renderer(gaussians, 1, **DEFINITION)
     depths, alphas = [], []
     for turn in range(4):
