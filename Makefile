@@ -6,7 +6,7 @@ RELEASE_VENV := .venv-release
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo page pictures dev test test-slow test-ranges test-machines fuzz mutants lint format export docs golden release clean
+.PHONY: help demo page pictures dev test test-slow test-ranges test-machines fuzz mutants lint format export reference docs golden release clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -58,8 +58,11 @@ export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python export/optimised.py edge
 	$(VENV)/bin/python export/stages.py
 
+reference: $(VENV)/.installed  ## docs/CLI.md and docs/API.md anew, of parsers and docstrings
+	$(VENV)/bin/python docs/reference.py
+
 docs: $(VENV)/.installed docs/assets/iframe-worker-shim.js  ## the documentation site in site/, for a server or opened from disk
-	$(VENV)/bin/python -m pip install -q $(TORCH) -e ".[docs]"
+	$(VENV)/bin/python -m pip install -q -e ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --strict
 
 docs/assets/iframe-worker-shim.js:  # MIT, by npm: search in pages opened from disk

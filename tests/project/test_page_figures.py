@@ -32,7 +32,7 @@ DEFINITIONS = {
 
 
 def outside_marks(text: str) -> str:
-    text = re.sub(r"<!-- measured .*?<!-- end -->", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!-- (measured|of) .*?<!-- end -->", "", text, flags=re.DOTALL)
     return re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
 
 
