@@ -6,7 +6,7 @@ RELEASE_VENV := .venv-release
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
 
-.PHONY: help demo page pictures dev test test-slow test-ranges test-machines fuzz mutants lint format export reference docs golden release clean
+.PHONY: help demo page pictures dev test test-slow test-ranges fuzz lint format export reference docs golden release clean
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -31,14 +31,8 @@ test-slow: $(VENV)/.installed  ## the tests that take minutes each
 test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest versions of what it depends on (needs the network)
 	$(VENV)/bin/python .ci/ranges.py
 
-test-machines: $(VENV)/.installed  ## the tests as other machines run them: BLAS kernels, vector instructions, cores, dependencies, no numba
-	$(VENV)/bin/python .ci/machines.py
-
 fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files, about 40 minutes of one core
 	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign
-
-mutants: $(VENV)/.installed  ## single-line bugs, 300 of them, evenly over rooms, and which the nearest tests miss: build/mutants/report.md
-	nice -n 15 $(VENV)/bin/python checks/mutants.py
 
 lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm tsc for JavaScript
 	$(VENV)/bin/ruff check .
