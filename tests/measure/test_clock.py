@@ -44,12 +44,6 @@ def test_rounds_interleave_variants_after_one_that_warms_up_and_gives_figures():
     assert [(row.costs["rounds"], row.figures["name"]) for row in rows] == [(3, "A"), (3, "B")]
 
 
-def test_a_baseline_runs_beside_its_variant_and_gives_the_ratio():
-    variant = Variant("slow", lambda: spin(0.02), baseline=lambda: spin(0.01))
-    (found,) = measure("s", "c", [variant], 5)
-    assert 1.5 < found.costs["cpu_ratio"] < 2.5 and found.costs["ratio"] > 0
-
-
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the mark can be set back on Linux alone")
 def test_what_was_let_go_before_the_work_is_not_in_its_peak(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "hog.py").write_text(HOG)

@@ -197,7 +197,6 @@ def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_pat
 
     assert is_new() and not is_new()
     assert is_new(pictures=True) and not is_new(pictures=True) and not is_new()
-    assert is_new(zooms=(1.0,)) and is_new(nested=True)
     os.utime(scene / "3.png", ns=(1, 1))
     assert not is_new()  # a photo that the window does not use
     os.utime(scene / "1.png", ns=(1, 1))
@@ -208,11 +207,10 @@ def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_pat
 
 def test_gaussian_files_are_measured_against_their_own_render(tmp_path):
     save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(height=16, width=24))
-    outcome = evaluate(plan_of(tmp_path / "g.npz"), tmp_path / "results", CODINGS[:1], zooms=(2.0,), nested=True)
+    outcome = evaluate(plan_of(tmp_path / "g.npz"), tmp_path / "results", CODINGS[:1])
     entry = record(outcome.rows[0])
     assert entry["psnr"] is None and entry["psnr_raw"] is None and 0 < entry["psnr_decoded_raw"] < 150
     assert (entry["model"], entry["kind"], entry["height"], entry["width"]) == ("g", "file", 16, 24)
-    assert "zoom" not in entry and "nested" not in entry
 
 
 # ---- condensing --------------------------------------------------------------------------------------------------

@@ -90,7 +90,6 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
     of.add_argument("--lpips-backbone", metavar="F.pth", help="as for eval; paper, quality")
     of.add_argument("--lpips-linear", metavar="F.pth", help="as for eval; paper, quality")
-    of.add_argument("--beside", type=Path, metavar="CHECKOUT", help="timed in turns; waits")
     of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
 
 

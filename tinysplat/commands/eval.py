@@ -34,7 +34,6 @@ DEFAULT_FOLDER = "eval_results"
 TERMINAL = 100
 """Columns that tables on the terminal fit."""
 DEFAULT_SIZE = (256, 256)
-MIN_ZOOM, MAX_ZOOM = 1 / 16, 16.0
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -84,12 +83,6 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
     parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
     parser.add_argument(
-        "--zoom", type=numbers, default=(), metavar="Z,Z", help="draw and compare at these multiples of the size too"
-    )
-    parser.add_argument(
-        "--nested", action="store_true", help="draw targets from the scenes of their nearest 2, 4 and 6 photos too"
-    )
-    parser.add_argument(
         "--refine", type=budget, metavar="STEPS|10s", help="correct Gaussians first, as `encode --refine` does"
     )
     parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
@@ -122,9 +115,6 @@ def run(args: Namespace) -> None:
             raise InputError(f"{value}, expected 1 or more", where=f"--{name}")
     for profile in args.profile:
         find_profile(profile)
-    for factor in args.zoom:
-        if not MIN_ZOOM <= factor <= MAX_ZOOM:
-            raise InputError(f"{factor:g}, accepted are {MIN_ZOOM:g} to {MAX_ZOOM:g}", where="--zoom")
     lpips, lpips_text = None, "LPIPS not asked for"
     if args.lpips != "none":
         lpips, lpips_text = find_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
@@ -142,7 +132,7 @@ def run(args: Namespace) -> None:
         raise InputError("is a file, expected a folder for results", where=args.output)
     folder.mkdir(parents=True, exist_ok=True)
     codings = tuple(ProfileQp(p, q) for p in args.profile for q in args.qp)
-    quality = Quality(codings, folder, lpips, args.pictures, args.zoom, args.nested, args.refine)
+    quality = Quality(codings, folder, lpips, args.pictures, args.refine)
     threads = args.threads or max(1, available_cores() // args.jobs)
     began, store = time.perf_counter(), RowFile(folder / ROWS)
     outcome = run_jobs(plan, quality, store, threads=threads, processes=args.jobs, quiet=args.quiet)

@@ -49,14 +49,12 @@ class Variant:
         run: the work that is timed.
         figures: errors and bytes of `run`'s result: all that two runs on one machine must agree on exactly.
         setting: what sets it apart, for tables and plots.
-        baseline: work in whose units its time is given too, done right after it in every round.
     """
 
     name: str
     run: Callable[[], object]
     figures: Callable[[Any], Figures] = lambda _: {}
     setting: Mapping[str, Any] = field(default_factory=dict)
-    baseline: Callable[[], object] | None = None
 
 
 def measure(
@@ -64,32 +62,25 @@ def measure(
 ) -> list[Row]:
     """A row per variant, in their order, of so many counted rounds, or of fewer (`LEAST_ROUNDS`) that take so long.
 
-    `costs` are `seconds` and `cpu` (medians), and `rounds`; with a baseline also `ratio` and `cpu_ratio`, medians over
-    rounds of the variant's time by its baseline's.
+    `costs` are `seconds` and `cpu` (medians), and `rounds`.
 
     Raises:
         TinySplatError: a variant cannot work.
     """
     figures = [variant.figures(variant.run()) for variant in variants]
     times: list[list[Times]] = [[] for _ in variants]
-    base_times: list[list[Times]] = [[] for _ in variants]
     gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
     start = time.perf_counter()
     for done in range(rounds):
         if done >= LEAST_ROUNDS and time.perf_counter() - start > budget_s:
             break
-        for variant, own, base in zip(variants, times, base_times, strict=True):
+        for variant, own in zip(variants, times, strict=True):
             own.append(timed(variant.run))
-            if variant.baseline is not None:
-                base.append(timed(variant.baseline))
     gc.unfreeze()
     rows = []
-    for variant, figured, own, base in zip(variants, figures, times, base_times, strict=True):
+    for variant, figured, own in zip(variants, figures, times, strict=True):
         seconds, cpu = (statistics.median(one[i] for one in own) for i in (0, 1))
         costs = {"seconds": seconds, "cpu": cpu, "rounds": len(own)}
-        if base:
-            ratios = [statistics.median(a[i] / b[i] for a, b in zip(own, base, strict=True)) for i in (0, 1)]
-            costs |= {"ratio": ratios[0], "cpu_ratio": ratios[1]}
         rows.append(Row(study, subject, variant.name, variant.setting, figured, costs))
     return rows
 

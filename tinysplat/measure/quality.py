@@ -4,11 +4,6 @@ PSNR in dB, SSIM, FLIP, sharpness and LPIPS are means over the target images; `_
 Gaussians against the photo, no suffix that of the decoded ones, `_decoded_raw` decoded against raw, `_photo` the
 context photo taken from nearest, as if it were the answer. Covered pixels are those that some context view has in its
 frame.
-
-Closer and farther away (`zooms`), pictures are drawn at a multiple of the coded size and held against photos of that
-size, beside the picture of the coded size brought to it by `pictures.rescaled`, drawn from the same field of view so
-that both meet the photo's pixels. With more photos (`nested`), each target is drawn from the scenes of the NESTED
-photos of its window that are nearest to it, predicted from those alone.
 """
 
 from __future__ import annotations
@@ -16,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,24 +21,19 @@ from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors
-from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.refine.stats import RefineStats
-from tinysplat_runtime.render import Renderer
-from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .metrics import METRICS, depth_errors, plane_errors, psnr
-from .pictures import PictureJudge, PictureMetric, Rendered, mean_psnr, photo_psnr, rescaled
+from .pictures import PictureJudge, PictureMetric, Rendered, photo_psnr
 from .rows import PICTURES, Row, describe_machine, grouped
 from .runner import RunOutcome, WindowJob
-from .subjects.cases import Case, Shots, covered_pixels, nearest_views, predicted
-
-NESTED = (2, 4, 6)
-"""Numbers of nearest photos."""
+from .subjects.cases import Case, covered_pixels, nearest_views
 
 IDENTITY = ("kind", "views", "model", "profile", "qp", "height", "width")
 """What rows of one group have in common."""
@@ -75,8 +65,6 @@ class Quality:
         folder: of pictures.
         lpips: weights, or None.
         pictures: keep PNG files of the target pictures.
-        zooms: multiples of the coded size to draw at.
-        nested: draw targets from the scenes of their nearest photos too, in windows of more than two.
         refine: steps or seconds to correct Gaussians of scene folders for, before all else; None to leave them. Their
             bytes are counted as the first coding's.
         study: what its rows are of.
@@ -86,14 +74,12 @@ class Quality:
     folder: Path
     lpips: LpipsFiles | None = None
     pictures: bool = False
-    zooms: tuple[float, ...] = ()
-    nested: bool = False
     refine: Refinement | None = None
     study: str = "quality"
 
     def wanted(self, job: WindowJob) -> list[Row]:
         """See `runner.Work`."""
-        options = [str(self.lpips or ""), self.pictures, self.zooms, self.nested, str(self.refine)]
+        options = [str(self.lpips or ""), self.pictures, str(self.refine)]
         stamp = job.stamp(*options)
         chosen = {"refine": str(self.refine)} if self.refine else {}
         window = job.window
@@ -120,31 +106,6 @@ class Quality:
             yield _measure_coding(row, prepared, runtime, lpips, folder)
 
 
-class Zoom(NamedTuple):
-    """Targets at a multiple of the coded size, and cameras of the coded size with exactly the same field of view."""
-
-    shots: Shots
-    native: list[Camera]
-
-    @classmethod
-    def of(cls, job: WindowJob, factor: float) -> Zoom:
-        """Photos of a window at a multiple of its size."""
-        height, width = job.size
-        shots = job.source.shots(job.window, (max(1, round(height * factor)), max(1, round(width * factor))))
-        scale = [np.array([[width / c.width], [height / c.height], [1.0]]) for c in shots.targets.cameras]
-        native = [Camera(c.K * s, c.c2w, width, height) for c, s in zip(shots.targets.cameras, scale, strict=True)]
-        return cls(shots, native)
-
-    def figures(self, gaussians: Gaussians, threads: int, suffix: str) -> dict[str, float]:
-        """dB to the photos: drawn at their size, and drawn at the coded size and brought to theirs."""
-        targets, draw = self.shots.targets, Renderer(gaussians, threads).render
-        enlarged = (rescaled(draw(camera), *targets.images.shape[1:3]) for camera in self.native)
-        return {
-            f"psnr{suffix}": mean_psnr(map(draw, targets.cameras), targets.images),
-            f"psnr{suffix}_enlarged": mean_psnr(enlarged, targets.images),
-        }
-
-
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A window with everything that does not depend on the coding.
@@ -153,14 +114,12 @@ class Prepared:
         pictures: of its raw Gaussians.
         per_image: lists behind the figures of the raw render and the photo baseline.
         covered: (H, W) bool per target, or None.
-        zooms: closer and farther, by the multiple.
         shared: figures that all codings have.
     """
 
     pictures: PictureJudge
     per_image: dict[str, list[float]]
     covered: tuple[NDArray, ...] | None
-    zooms: dict[float, Zoom]
     shared: JsonObject
 
     @classmethod
@@ -171,16 +130,14 @@ class Prepared:
             case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime)
         pictures, shots = PictureJudge(case, runtime.threads), case.shots
         if shots is None:
-            return cls(pictures, {}, None, {}, shared)
+            return cls(pictures, {}, None, shared)
         context, photos = shots.context, shots.targets.images
         covered = tuple(covered_pixels(c, context.cameras, shots.near, shots.far) for c in case.cameras)
         per_image = {"coverage": [float(mask.mean()) for mask in covered]}
         nearest = [context.images[nearest_views(camera, context.cameras, 1)[0]] for camera in case.cameras]
         for name, images in (("_raw", pictures.raw.images), ("_photo", nearest)):
             per_image |= _scores(images, photos, lpips, name, covered)
-        if quality.nested and len(context.cameras) > NESTED[0]:
-            shared["nested"] = nested_psnr(case, runtime)
-        return cls(pictures, per_image, covered, {factor: Zoom.of(job, factor) for factor in quality.zooms}, shared)
+        return cls(pictures, per_image, covered, shared)
 
 
 def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime) -> tuple[Case, JsonObject]:
@@ -202,26 +159,6 @@ def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime
         )
     told = {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
     return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), told
-
-
-def nested_psnr(case: Case, runtime: Runtime) -> dict[str, float]:
-    """dB of targets drawn from the scenes of their 2, 4, 6 nearest photos, by how many."""
-    assert case.shots is not None
-    context, targets = case.shots.context, case.shots.targets
-    scenes: dict[tuple[int, ...], Gaussians] = {tuple(range(len(context.cameras))): case.gaussians}
-    by_count = {}
-    for count in (n for n in NESTED if n <= len(context.cameras)):
-        psnrs = []
-        for camera, photo in zip(targets.cameras, targets.images, strict=True):
-            views = tuple(nearest_views(camera, context.cameras, count))
-            if views not in scenes:
-                fewer = replace(
-                    context, images=context.images[list(views)], cameras=tuple(context.cameras[v] for v in views)
-                )
-                scenes[views] = predicted(case.name, case.model, replace(case.shots, context=fewer), runtime).gaussians
-            psnrs.append(photo_psnr(scenes[views], [camera], [photo], runtime.threads))
-        by_count[str(count)] = float(np.mean(psnrs))
-    return by_count
 
 
 def _measure_coding(
@@ -258,15 +195,6 @@ def _measure_coding(
         "per_image": per_image,
         **prepared.shared,
     }
-    if prepared.zooms:
-        figures["zoom"] = {
-            f"{factor:g}": {
-                **zoom.figures(decoded, runtime.threads, ""),
-                **zoom.figures(case.gaussians, runtime.threads, "_raw"),
-                "photos_enlarged": zoom.shots.targets.enlarged,
-            }
-            for factor, zoom in prepared.zooms.items()
-        }
     if folder is not None:
         figures["pictures"] = folder.name
     return replace(row, figures=figures, costs={**case.seconds, **stats.watch.seconds, "render": rendered.seconds})

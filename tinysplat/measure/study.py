@@ -58,7 +58,6 @@ class Options:
         rounds: of timing; 0 for the study's own.
         data: data sets in chunks: (name, folder, index).
         lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
-        beside: another checkout, whose commands are timed in turns with this one's.
         jobs: windows at a time.
         near, far: over the inputs' own.
     """
@@ -76,7 +75,6 @@ class Options:
     data: tuple[tuple[str, str, str], ...] = ()
     lpips_backbone: Path | None = None
     lpips_linear: Path | None = None
-    beside: Path | None = None
     jobs: int = 1
     near: float | None = None
     far: float | None = None

@@ -20,7 +20,6 @@ STUDIES = {
     "paper": "paper.PAPER",
     "walk": "walking.WALK",
     "corners": "corners.CORNERS",
-    "pruned": "pruned.PRUNED",
     "poses": "placing.PLACING",
     "quality": "quality.QUALITY",
 }

@@ -1,20 +1,11 @@
-"""How good are the pictures? What `tinysplat eval` measures: by scene, closer and farther, with more photos."""
+"""How good are the pictures? What `tinysplat eval` measures, by scene."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from ..quality import (
-    NESTED,
-    ProfileQp,
-    Quality,
-    decode_seconds,
-    encode_seconds,
-    groups_of,
-    mean_of_rows,
-    mean_of_scenes,
-)
+from ..quality import ProfileQp, Quality, decode_seconds, encode_seconds, groups_of, mean_of_rows, mean_of_scenes
 from ..rows import Row, grouped
 from ..runner import run_jobs
 from ..show.tables import decibels, format_table, kilobytes, number
@@ -24,11 +15,10 @@ STUDY = "quality"
 
 
 def quality_rows(run: Run) -> Iterator[Row]:
-    """Windows of scenes with photos, drawn at 0.5, 1 and 2 times their size, and from their nearest photos."""
+    """Windows of scenes with photos."""
     options = run.options
     codings = tuple(ProfileQp(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
-    zooms = (1.0, 2.0) if run.quick else (0.5, 1.0, 2.0)
-    work = Quality(codings, run.folder, run.lpips, zooms=zooms, nested=not run.quick)
+    work = Quality(codings, run.folder, run.lpips)
     yield from run.done(
         run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
     )
@@ -76,10 +66,7 @@ def results_text(rows: Sequence[Row], *, has_lpips: bool) -> str:
     for identity, members in groups_of(rows):
         coded = "{kind}, {views} views, {model}, {profile} at Q_g {qp:g}, {width}x{height}".format(**identity)
         parts = by_scene(members)
-        tables = [
-            every_figure(parts, has_lpips),
-            *(table(parts) for table in (zoom_table, nested_table, refined_table)),
-        ]
+        tables = [every_figure(parts, has_lpips), refined_table(parts)]
         sections.append(f"{coded}\n" + "\n\n".join(filter(None, tables)))
     return "\n\n".join(sections)
 
@@ -126,24 +113,6 @@ def summary_table(parts: Sequence[Part]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
-def zoom_table(parts: Sequence[Part]) -> str:
-    """dB of pictures at multiples of the coded size, and of the coded size's pictures brought to them."""
-    lines = []
-    for part in parts:
-        for factor, zoomed in (part.mean.get("zoom") or {}).items():
-            cells = (decibels(zoomed[key]) for key in ("psnr_raw", "psnr", "psnr_enlarged"))
-            gain = f"{zoomed['psnr'] - zoomed['psnr_enlarged']:+.2f}"
-            lines.append([part.name, f"{part.size}, {factor} ×", *cells, gain])
-    return format_table(["", "coded at, drawn at", "raw dB", "coded dB", "enlarged dB", "gain"], lines) if lines else ""
-
-
-def nested_table(parts: Sequence[Part]) -> str:
-    """dB of the same targets from the nearest 2, 4 and 6 photos."""
-    known = [(part.name, part.mean["nested"]) for part in parts if part.mean.get("nested")]
-    lines = [[name, *(decibels(nested.get(str(count))) for count in NESTED)] for name, nested in known]
-    return format_table(["", *(f"nearest {count}, dB" for count in NESTED)], lines) if lines else ""
-
-
 def refined_table(parts: Sequence[Part]) -> str:
     """dB at held-out photos before and after refinement, and the window that gains least."""
     lines = []
@@ -161,8 +130,6 @@ QUALITY = Study(
     quality_rows,
     {
         "quality summary": by_group(summary_table, "{kind}, {views} views"),
-        "zoom summary": by_group(zoom_table, "{kind}, {views} views, {model}"),
-        "nested summary": by_group(nested_table, "windows of {views}", "nested"),
         "refined summary": by_group(refined_table, "{kind}, {views} views", "refined"),
     },
 )
