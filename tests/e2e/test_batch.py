@@ -15,7 +15,6 @@ import fsspec
 import pytest
 from console import tinysplat
 from e2e.batch_work import note
-from measure.evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, write_eval_scene
 from scenes import refusing, write_scene
 
 import tinysplat_runtime as ts
@@ -155,44 +154,6 @@ def test_bad_batches_are_one_line(scenes: Path, tmp_path: Path) -> None:
     assert "gone" in fail(f"{scenes}/gone", "-q", "--workers", 1)
     (tmp_path / "out/results.json").write_text("[]")
     assert "results.json" in fail("a")
-
-
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("measured")
-    for name, windows in (("one", [NEAR_WINDOW]), ("two", [NEAR_WINDOW, WIDE_WINDOW])):
-        write_eval_scene(folder / name, windows)
-    (folder / "manifest.txt").write_text("one\n" + json.dumps({"scene": "two", "qp": 6}))
-    return folder
-
-
-def test_a_batch_measures_what_eval_measures_and_resumes(measured: Path, tmp_path: Path) -> None:
-    common = ("--model", "sweep", "--size", "64x48")
-    command = ("batch", measured / "manifest.txt", "-o", tmp_path / "out", "--evaluate", "--workers", 1, *common)
-    done = tinysplat(*command)
-    assert done.returncode == 0 and found(tmp_path)[1] == 0, done.stderr
-    results = json.loads((tmp_path / "out/results.json").read_text())
-    assert len(json.loads((tmp_path / "out/two.json").read_text())["records"]) == 2
-    single = tinysplat(
-        "eval", measured / "one", "-o", tmp_path / "eval", *common, "--lpips", "none", "--json", tmp_path / "eval.json"
-    )
-    assert single.returncode == 0, single.stderr
-    (wanted,) = json.loads((tmp_path / "eval.json").read_text())["scenes"]
-    (measured_here,) = json.loads((tmp_path / "out/one.json").read_text())["records"]
-    for name in ("psnr", "psnr_raw", "psnr_decoded_raw", "ssim", "bytes", "context", "targets", "scene"):
-        assert measured_here[name] == wanted[name], name
-    assert results["scenes"]["one"]["means"]["psnr"] == wanted["psnr"]
-    (tmp_path / "out/two.json").write_text("{}")
-    assert tinysplat(*command).returncode == 0 and found(tmp_path)[1] == 1
-    assert "--views" in tinysplat(*command, "--views", "auto").stderr
-
-
-def test_a_scene_without_windows_fails_alone(measured: Path, scenes: Path, tmp_path: Path) -> None:
-    (tmp_path / "m.txt").write_text(f"{scenes}/s0\n{measured}/one\n")
-    done = tinysplat("batch", tmp_path / "m.txt", "-o", tmp_path / "out", "--evaluate", "--model", "sweep", "--size",
-                     "64x48", "--workers", 1)  # fmt: skip
-    assert done.returncode == 2 and "s0" in done.stderr and "eval_index.json" in done.stderr
-    assert (tmp_path / "out/one.json").exists()
 
 
 # ---- places ------------------------------------------------------------------------------------------------------

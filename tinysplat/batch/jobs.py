@@ -17,6 +17,7 @@ from typing import Any
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs.providers import providers_of
 from tinysplat_runtime.recipe import words
@@ -29,10 +30,6 @@ from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.told import Told
 
 from .storage import join, local_folder, read, write
-
-SUFFIXES = {"encode": ".tsplat", "evaluate": ".json"}
-"""What can be done with a scene, and how the name of its output ends."""
-
 
 CODE = ("model", "provider")
 """Options that name what runs: a network's graph, a provider's library. A manifest's entry needs leave for them."""
@@ -58,21 +55,19 @@ OPTIONS = {*EncodeRequest.options(), *Keep.options(), "auto"} - {"focal", "basel
 
 @dataclass(frozen=True)
 class BatchJob:
-    """A scene to code or evaluate.
+    """A scene to code.
 
     Attributes:
         name: of the output, unique in its batch.
         request: what `encode` is asked for; its scene, poses and like are paths or URLs.
         output: path or URL of the file.
         keep: what else.
-        task: one of SUFFIXES.
     """
 
     name: str
     request: EncodeRequest
     output: str
     keep: Keep = Keep()
-    task: str = "encode"
 
     @property
     def scene(self) -> str:
@@ -81,12 +76,11 @@ class BatchJob:
 
     @property
     def fingerprint(self) -> str:
-        """Changes with the task, the scene's place and every option that is not left at its default."""
+        """Changes with the scene's place and every option that is not left at its default."""
         said = {**self.request.given(), **self.keep.given()}
         usual = {"profile": DEFAULT_PROFILE, "qp": 0}
         text = json.dumps(
-            [self.task, self.scene, {name: str(value) for name, value in said.items() if value != usual.get(name)}],
-            sort_keys=True,
+            [self.scene, {name: str(value) for name, value in said.items() if value != usual.get(name)}], sort_keys=True
         )
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -109,14 +103,14 @@ def encode(job: BatchJob, threads: int = 1) -> JsonObject:
         OSError: storage failed; another attempt may not.
     """
     start = time.perf_counter()
-    place, keep = job.output.removesuffix(SUFFIXES["encode"]), job.keep
+    place, keep = job.output.removesuffix(SUFFIX), job.keep
 
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tinysplat-"))
         request = _local(job.request, lambda one: stack.enter_context(local_folder(one)))
         if keep.save_gaussians:
             request = replace(request, save_gaussians=Path(folder, "g.npz"))
-        runtime = worker_runtime(threads, keep.provider)
+        runtime = _worker_runtime(threads, keep.provider)
         coded = encode_photos(request, runtime, _Recorder(), keep=keep.report)
         if request.save_gaussians:
             write(f"{place}.npz", Path(request.save_gaussians).read_bytes())
@@ -146,8 +140,6 @@ def is_done(job: BatchJob, record: JsonObject | None) -> bool:
     data = read(job.output)
     if data is None or hashlib.sha256(data).hexdigest() != record.get("sha256"):
         return False
-    if job.task != "encode":
-        return True
     try:
         inspect_bytes(data)
     except TinySplatError:
@@ -156,7 +148,7 @@ def is_done(job: BatchJob, record: JsonObject | None) -> bool:
 
 
 def read_manifest(
-    text: str, folder: str, defaults: JsonObject, base: str = "", task: str = "encode", allowed: Collection[str] = ()
+    text: str, folder: str, defaults: JsonObject, base: str = "", allowed: Collection[str] = ()
 ) -> list[BatchJob]:
     """Jobs of a manifest: a scene per line, or per line a JSON object.
 
@@ -173,7 +165,7 @@ def read_manifest(
         if not line.strip() or line.startswith("#"):
             continue
         try:
-            job = _job(line.strip(), folder, defaults, base, task, allowed)
+            job = _job(line.strip(), folder, defaults, base, allowed)
         except InputError as error:
             raise error.within(f"line {number}") from None
         first = names.setdefault(job.name.casefold(), number)  # some file systems do not tell a from A
@@ -187,7 +179,7 @@ def read_manifest(
     return jobs
 
 
-def _job(line: str, folder: str, defaults: JsonObject, base: str, task: str, allowed: Collection[str]) -> BatchJob:
+def _job(line: str, folder: str, defaults: JsonObject, base: str, allowed: Collection[str]) -> BatchJob:
     entry: Any = {"scene": line}
     if line.startswith("{"):
         try:
@@ -205,10 +197,10 @@ def _job(line: str, folder: str, defaults: JsonObject, base: str, task: str, all
         raise InputError(f"unknown {', '.join(unknown)[:80]}, expected options of `tinysplat batch`")
     for word in (name for name in CODE if name in entry and name not in allowed):
         raise InputError(f"loads code, so a manifest may only give it with --allow {word}", where=word)
-    return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder, task)
+    return _asked(name, _placed(scene, base), {**entry, **_places(entry, base)}, defaults, folder)
 
 
-def _asked(name: str, scene: str, entry: JsonObject, defaults: JsonObject, folder: str, task: str) -> BatchJob:
+def _asked(name: str, scene: str, entry: JsonObject, defaults: JsonObject, folder: str) -> BatchJob:
     """A job of an entry's options, each of which replaces the batch's, and those that it contradicts."""
     if entry.get("auto"):
         entry["views"] = f"auto:{entry['auto']}"
@@ -217,7 +209,7 @@ def _asked(name: str, scene: str, entry: JsonObject, defaults: JsonObject, folde
     dropped = {*(RATE if rate else ()), *(("profile",) if {"lossless", "like"} & set(rate) else ())}
     values = {**{name: value for name, value in defaults.items() if name not in dropped}, **entry}
     keep = Keep(**{one: values.pop(one) for one in Keep.options() if one in values})
-    return BatchJob(name, EncodeRequest(scene, **values), join(folder, name + SUFFIXES[task]), keep, task)
+    return BatchJob(name, EncodeRequest(scene, **values), join(folder, name + SUFFIX), keep)
 
 
 def _places(entry: JsonObject, base: str) -> dict[str, str]:
@@ -231,6 +223,6 @@ def _placed(place: str, base: str) -> str:
 
 
 @lru_cache(maxsize=1)
-def worker_runtime(threads: int, provider: str | None = None) -> Runtime:
+def _worker_runtime(threads: int, provider: str | None = None) -> Runtime:
     """This process's runtime, which keeps graphs from job to job."""
     return Runtime(threads=threads, providers=providers_of(provider))

@@ -40,8 +40,7 @@ def run_batch(
 
     Returns:
         What `results.json` holds: `scenes` by name with `status` (done, failed), `output`, `bytes`, `sha256`,
-        `seconds`, `attempts`, `error`; and `done`, `failed`, `skipped`, `scenes_per_second` of this run; for scenes
-        that were evaluated also `means`, theirs and that over all of them.
+        `seconds`, `attempts`, `error`; and `done`, `failed`, `skipped`, `scenes_per_second` of this run.
 
     Raises:
         InputError: `only_failed`, and none did; results that are none.
@@ -94,13 +93,5 @@ def _document(jobs: Sequence[BatchJob], records: JsonObject, skipped: int, rate:
     ordered = {job.name: records[job.name] for job in jobs if job.name in records}
     states = [record["status"] for record in ordered.values()]
     totals: JsonObject = {"done": states.count("done"), "failed": states.count("failed"), "skipped": skipped}
-    means = [record["means"] for record in ordered.values() if "means" in record]
-    if means:
-        totals["means"] = {name: _mean([m.get(name) for m in means]) for name in means[0]}
     document = {**totals, "of": len(jobs), "scenes_per_second": round(rate, 3), "scenes": ordered}
     return (json.dumps(document, indent=1) + "\n").encode()
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    present = [value for value in values if value is not None]
-    return sum(present) / len(present) if present else None

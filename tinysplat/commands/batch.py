@@ -1,4 +1,4 @@
-"""`tinysplat batch`: many scenes to files or measured, on this machine's cores or on a Ray cluster."""
+"""`tinysplat batch`: many scenes to files, on this machine's cores or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.engines import Work, run_processes, run_ray
-from tinysplat.batch.evaluation import evaluate
 from tinysplat.batch.jobs import CODE, Keep, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
@@ -25,7 +24,7 @@ from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
 
-HELP = "many scenes to files, or measured, here or on a Ray cluster"
+HELP = "many scenes to files, here or on a Ray cluster"
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -39,7 +38,6 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", required=True, metavar="DIR", help=f"folder or URL; {RESULTS} goes there, too"
     )
-    parser.add_argument("--evaluate", action="store_true", help="measure instead, to DIR/NAME.json")
     machines = parser.add_argument_group("machines and failures")
     machines.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
     machines.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one of this machine")
@@ -65,18 +63,13 @@ def run(args: Namespace) -> int:
     """Run the batch; exit status 2 where scenes failed, with their number on standard error."""
     if args.address and args.engine != "ray":
         raise InputError("an address is for --engine ray", where="--address")
-    if args.evaluate and args.views is not None:
-        raise InputError("--evaluate takes the views of each scene's eval_index.json", where="--views")
-    if args.refine and args.evaluate:
-        raise InputError("refines what is coded, and --evaluate measures networks as they are", where="--refine")
     base = args.manifest.rpartition("/")[0] or "."
     try:
-        task = "evaluate" if args.evaluate else "encode"
         options = {**asked(args, EncodeRequest, "", without=(VIDEO,)).given(), **asked(args, Keep).given()}
-        jobs = read_manifest(_manifest(args.manifest), args.output, options, base, task, args.allow)
+        jobs = read_manifest(_manifest(args.manifest), args.output, options, base, args.allow)
     except InputError as error:
         raise error.within(args.manifest) from None
-    work: Work = partial(evaluate if args.evaluate else encode, threads=args.threads or 1)
+    work: Work = partial(encode, threads=args.threads or 1)
     if args.timeout or args.max_memory:
         work = partial(bounded, work=work, timeout=args.timeout, memory=args.max_memory)
     scheduled = {"work": work, "workers": args.workers or available_cores(), "attempts": args.attempts}
@@ -98,8 +91,6 @@ def run(args: Namespace) -> int:
             f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
             f" {document['scenes_per_second']:.2f} scenes/s"
         )
-        if "means" in document:
-            print(", ".join(f"{name} {value:.4g}" for name, value in document["means"].items() if value is not None))
     if document["failed"]:
         failures = [
             printable(f"{name}: {r['error']}") for name, r in document["scenes"].items() if r["status"] == "failed"
