@@ -12,7 +12,6 @@ from sections import changed_section
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.codec.modes.choice import AUTO_SECONDS, choose
 from tinysplat_runtime.container import photos as records
 from tinysplat_runtime.errors import InputError, ModelError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
@@ -68,23 +67,12 @@ def test_a_users_own_network_is_found_when_it_is_given(scene, tmp_path):
     assert all(np.isfinite(getattr(decoded, name)).all() for name in FIELDS)
 
 
-def test_auto_weighs_size_time_and_availability():
-    shipped = records.NetworkRef("sweep", RUNTIME.store.network_ref("sweep")[1], 1.0, 2.0)
-    own = records.NetworkRef("mine", "00" * 32, 1.0, 2.0)
-    small, large = b"x" * 10, b"x" * 20
-    assert choose(large, small, shipped, 0.1)[0] == "photos"
-    assert choose(small, large, shipped, 0.1)[0] == "gaussians"
-    assert choose(large, small, own, 0.1)[0] == "gaussians"
-    assert choose(large, small, shipped, 2 * AUTO_SECONDS)[0] == "gaussians"
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"mode": "film"}, "gaussians, photos, auto"),
+        ({"mode": "film"}, "gaussians, photos"),
         ({"mode": "photos", "target_size": 9000}, "target"),
         ({"mode": "photos", "target_psnr": 40.0}, "target"),
-        ({"mode": "hybrid"}, "gaussians, photos, auto"),
         ({"mode": "photos", "qp": float("nan")}, "qp"),
     ],
 )

@@ -137,13 +137,6 @@ def test_the_network_for_a_file_of_photos_can_be_given(scene, tmp_path):
     assert "sweep.onnx" in fail("decode", file, "-o", tmp_path / "h.npz", "--model", "sweep")
 
 
-def test_auto_says_what_it_chose_and_why(scene, tmp_path):
-    printed = succeed("encode", scene, "-o", tmp_path / "a.tsplat", "--mode", "auto", "--report", tmp_path / "r.json")
-    report = json.loads((tmp_path / "r.json").read_text())
-    assert report["mode"] in printed and report["reason"] in printed
-    assert json.loads(succeed("info", tmp_path / "a.tsplat", "--json"))["mode"] == report["mode"]
-
-
 def test_a_list_is_told_how_it_may_get_smaller_and_pixels_of_views_are_not(encoded, tmp_path):
     succeed("convert", encoded["raw"], "-o", tmp_path / "g.ply")
     for given, is_list in ((tmp_path / "g.ply", True), (encoded["raw"], False)):

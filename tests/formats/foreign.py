@@ -6,7 +6,9 @@ from formats.foreign import foreign_arrays, foreign_bytes, on_order_of
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import struct
 from collections.abc import Iterator
 from typing import Any
 
@@ -79,3 +81,26 @@ def on_order_of(made: Gaussians, read: Gaussians) -> Gaussians:
     index = ((read.means[:, None] - made.means) ** 2).sum(axis=2).argmin(axis=1)
     assert len(set(index)) == len(made.means)
     return Gaussians(**{name: getattr(made, name)[index] for name in FIELDS})
+
+
+def glb_of_spz(spz: bytes, count: int, translation: tuple[float, ...] = (0, 0, 0), **asset: Any) -> bytes:
+    """A .glb with a file of so many Gaussians inside, by the draft KHR_gaussian_splatting_compression_spz_2."""
+    names = ["KHR_gaussian_splatting", "KHR_gaussian_splatting_compression_spz_2"]
+    inside = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display", "extensions": {names[1]: {"bufferView": 0}}}
+    primitive = {"mode": 0, "attributes": {"POSITION": 0}, "extensions": {names[0]: inside}}
+    document = {
+        "asset": {"version": "2.0", **asset},
+        "extensionsUsed": names,
+        "extensionsRequired": names,
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": translation}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": [{"componentType": 5126, "count": count, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(spz)}],
+        "buffers": [{"byteLength": len(spz)}],
+    }
+    text = json.dumps(document).encode()
+    text, spz = text + b" " * (-len(text) % 4), spz + bytes(-len(spz) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(spz), len(text), 0x4E4F534A)
+    return head + text + struct.pack("<II", len(spz), 0x004E4942) + spz

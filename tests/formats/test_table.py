@@ -52,6 +52,3 @@ def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
     noted = g.with_notes(Notes("m", "us"))
     said = " ".join(save_gaussians(tmp_path / "a.spz", noted))
     assert all(word in said for word in (".spz", "unit", "attribution"))
-    with refusing(InputError, "4 3"):
-        save_gaussians(tmp_path / "a.glb", g, spz_version=4, gltf_spz=True)
-    assert save_gaussians(tmp_path / "a.glb", g, spz_version=4) == []

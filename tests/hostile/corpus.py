@@ -13,7 +13,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pillow_heif
-from formats.foreign import foreign_bytes
+from formats.foreign import foreign_bytes, glb_of_spz
 from scenes import (
     colmap_texts,
     list_in_tiers,
@@ -110,14 +110,9 @@ def spz_seeds() -> tuple[bytes, ...]:
 
 @lru_cache(maxsize=1)
 def gltf_spz_seeds() -> tuple[bytes, ...]:
-    """.glb files with SPZ inside, one of whose scenes stands far from the origin."""
-    flat = make_gaussians(1, 2, 2, 2).flat()
-    origin = np.array([5e5, 4e6, 300.0])
-    far = ts.Gaussians(flat.means, flat.quats, flat.scales, flat.opacities, flat.sh, origin=origin)
-    return tuple(
-        _written(".glb", lambda path, g=g, v=version: ts.save_gaussians(path, g, spz_version=v, gltf_spz=True))
-        for g, version in ((make_gaussians(1, 3, 4, 1), 3), (far, 2))
-    )
+    """.glb files with SPZ inside, of 12 Gaussians and, far from the origin, of 4."""
+    places = ((12, (0, 0, 0)), (4, (5e5, 4e6, 300.0)))
+    return tuple(glb_of_spz(spz_seeds()[3 * i], count, place) for i, (count, place) in enumerate(places))
 
 
 @lru_cache(maxsize=1)

@@ -57,9 +57,7 @@ def _write(coded: Encoded, voice: Voice, report: str | None, runtime: Runtime, *
         write_json(report, encode_report(coded, runtime, model=model))
     share = coded.raw_bytes / len(data)
     voice.done(f"{len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s", voice.output)
-    if stats.reason:
-        voice.done(f"mode {stats.mode}: {stats.reason}")
-    elif stats.mode == List.mode:
+    if stats.mode == List.mode:
         if stats.psnr is not None:
             pruned = f"{stats.left_out:,} Gaussians pruned" if stats.left_out else "all Gaussians kept"
             voice.done(f"{stats.psnr:.1f} dB to what was given, in {stats.views}; {pruned}")

@@ -15,7 +15,6 @@ from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypedDict
 from urllib.parse import urlsplit
 
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from ..container.photos import Photos
 from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
-from ..page.build import SCENE, player_page, scene_files, scene_page
+from ..page.build import SCENE, Shown, player_page, scene_files, scene_page
 from ..page.front import front_of, front_view
 from ..render import Renderer
 from ..render.near import FEW
@@ -71,13 +70,13 @@ def view(args: Namespace) -> None:
         if path is None:
             source = SCENE if content.view_count > FEW else None
             parts = {} if source is None else {source: content.data}
-            page = scene_page(content.data, source=source, **content.shown)
+            page = scene_page(content.data, content.shown, source)
             serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
             return
         if args.as_files:
-            written = _written_files(path, scene_files(content.data, **content.shown))
+            written = _written_files(path, scene_files(content.data, content.shown))
         else:
-            written = _written(path, scene_page(content.data, **content.shown))
+            written = _written(path, scene_page(content.data, content.shown))
     if not args.quiet:
         print(written)
 
@@ -100,16 +99,6 @@ def _written_files(folder: str, files: Mapping[str, bytes]) -> str:
         write_atomically(target / name, data)
     size = sum(map(len, files.values()))
     return f"{target / 'index.html'}: {size / 1e3:.0f} KB in {len(files)} files, for a web server to give"
-
-
-class Shown(TypedDict):
-    """What a page shows beside its file, as `page.build.scene_page` takes it."""
-
-    title: str
-    cameras: Sequence[Camera]
-    photos: Mapping[int, NDArray]
-    first: int
-    poster: NDArray
 
 
 @dataclass(frozen=True)
@@ -135,8 +124,7 @@ class Content:
         first = front_view(views or cameras)
         poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views))
         title = printable(Path(file).stem)
-        shown: Shown = {"title": title, "cameras": cameras, "photos": photos, "first": first, "poster": poster}
-        return cls(data, len(views), shown)
+        return cls(data, len(views), Shown(title, cameras, photos, first, poster))
 
 
 def _poster(data: bytes, camera: Camera | None, has_views: bool) -> NDArray:

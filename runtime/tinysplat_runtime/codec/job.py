@@ -43,7 +43,6 @@ class EncodeStats:
         clipped: samples outside the representable range, by class label.
         watch: seconds per stage.
         mode: what the file carries; see `modes`.
-        reason: why mode `auto` came to it; empty where the caller chose.
         left_out: Gaussians of no pixels that pictures hardly need.
         left_out_psnr: dB of pictures without them; None where none are.
         psnr: of a list, dB of pictures of the whole file against those of all that was given.
@@ -53,7 +52,6 @@ class EncodeStats:
     clipped: dict[str, int] = field(default_factory=dict)
     watch: Stopwatch = field(default_factory=Stopwatch)
     mode: str = Planes.mode
-    reason: str = ""
     left_out: int = 0
     left_out_psnr: float | None = None
     psnr: float | None = None

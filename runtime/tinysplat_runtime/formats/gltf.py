@@ -5,10 +5,6 @@ SH_DEGREE_l_COEF_n, the last four with the extension's prefix. y is up (`axes`).
 cameras as glTF cameras, its origin as the node's translation, and its notes in `asset`; a picture's principal point
 and skew, which glTF has no room for, are in a camera's extras. Source: the extension's README, github.com/KhronosGroup.
 
-By KHR_gaussian_splatting_compression_spz_2, a draft, all of that lies in one SPZ file, a buffer view of its own, and
-accessors have types alone. Its attributes are the draft's: colour and opacity are COLOR_0. The draft speaks of other
-axes for what SPZ's library unpacks; we do as CesiumJS, the engine that reads it, does: SPZ's numbers are glTF's.
-
 Written here and not by a package because those at hand check no length before they take memory. `gltf_reader` reads.
 """
 
@@ -18,8 +14,7 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +29,8 @@ from ..scene.cameras import Camera
 from ..system.jsonfields import JsonObject
 from .assembly import cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
-from .spz import fixed_points
 
 EXTENSION = "KHR_gaussian_splatting"
-SPZ_EXTENSION = "KHR_gaussian_splatting_compression_spz_2"
 MAX_GLTF_DEGREE = 3
 COLOUR_SPACE = "srgb_rec709_display"
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
@@ -45,7 +38,7 @@ GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 FRAME = np.diag([1.0, -1.0, -1.0, 1.0])
 """The half turn of world and camera axes alike."""
 
-_FLOAT, _UNSIGNED_BYTE, _UNSIGNED_SHORT, _ARRAY_BUFFER = 5126, 5121, 5123, 34962
+_FLOAT, _UNSIGNED_SHORT, _ARRAY_BUFFER = 5126, 5123, 34962
 _KERNEL = {
     "kernel": "ellipse",
     "colorSpace": COLOUR_SPACE,
@@ -54,60 +47,36 @@ _KERNEL = {
 }
 
 
-Pack = Callable[[Gaussians], tuple[bytes, list[str]]]
-"""Gaussians (N,) to the bytes of an SPZ file about their origin, and what these could not keep."""
-
-
-@dataclass(frozen=True)
-class _Body:
-    """The Gaussians of a file, and what its JSON says about them.
-
-    Attributes:
-        extension: the primitive's own.
-        required: names of extensions without which a reader sees nothing.
-        accessors: by their attribute's name, in order.
-        chunks: of the buffer, a view each.
-        losses: what could not be kept.
-    """
-
-    extension: JsonObject
-    required: tuple[str, ...]
-    accessors: dict[str, JsonObject]
-    chunks: tuple[NDArray, ...]
-    losses: list[str]
-
-
-def write_gltf(path: Path, gaussians: Gaussians, pack: Pack | None = None) -> list[str]:
+def write_gltf(path: Path, gaussians: Gaussians) -> list[str]:
     """Write Gaussians as `.glb`, or as `.gltf` with its buffer inside.
 
     Args:
         path: its suffix chooses.
         gaussians: of any shape; SH above degree 3 is left out.
-        pack: what makes an SPZ file of them, which then stands in place of plain accessors.
 
     Returns:
         What readers may not see, one line each.
 
     Raises:
-        InputError: more than a .glb can hold, or than `pack` can.
+        InputError: more than a .glb can hold.
     """
     gaussians = gaussians.flat()
     cameras = gaussians.viewpoints
-    body = _plain(gaussians) if pack is None else _packed(gaussians, pack)
-    document = _document(gaussians, body, cameras)
+    arrays = _attributes(gaussians)
+    document = _document(gaussians, arrays, cameras)
     if path.suffix.lower() == ".gltf":
-        data = b"".join(map(_padded, body.chunks))
+        data = b"".join(map(_padded, arrays.values()))
         uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
         document["buffers"] = [{"byteLength": len(data), "uri": uri}]
         path.write_text(json.dumps(document), encoding="utf-8")
     else:
-        _write_glb(path, document, body.chunks)
-    return body.losses + _losses(gaussians, cameras)
+        _write_glb(path, document, tuple(arrays.values()))
+    return cut_degree_note(gaussians, MAX_GLTF_DEGREE, EXTENSION) + _losses(gaussians, cameras)
 
 
-def _plain(gaussians: Gaussians) -> _Body:
-    arrays = _attributes(gaussians)
-    accessors = {}
+def _accessors(arrays: Mapping[str, NDArray]) -> list[JsonObject]:
+    """What JSON says of arrays, a buffer view each."""
+    accessors = []
     for i, (name, array) in enumerate(arrays.items()):
         accessor: JsonObject = {"bufferView": i, "count": len(array), "componentType": _FLOAT}
         accessor["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
@@ -115,24 +84,8 @@ def _plain(gaussians: Gaussians) -> _Body:
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
         if array.dtype == np.uint16:
             accessor |= {"componentType": _UNSIGNED_SHORT, "normalized": True}
-        accessors[name] = accessor
-    losses = cut_degree_note(gaussians, MAX_GLTF_DEGREE, EXTENSION)
-    return _Body(_KERNEL, (), accessors, tuple(arrays.values()), losses)
-
-
-def _packed(gaussians: Gaussians, pack: Pack) -> _Body:
-    data, losses = pack(gaussians)
-    fixed, bits = fixed_points(gaussians.means.astype(np.float64) * HALF_TURN)
-    low, high = (np.ldexp(ends, -bits).tolist() for ends in (fixed.min(axis=0), fixed.max(axis=0)))
-    types = {"POSITION": "VEC3", "COLOR_0": "VEC4", f"{EXTENSION}:ROTATION": "VEC4", f"{EXTENSION}:SCALE": "VEC3"}
-    types |= dict.fromkeys(_sh_names(1, min(gaussians.degree, MAX_GLTF_DEGREE)), "VEC3")
-    accessors: dict[str, JsonObject] = {
-        name: {"count": gaussians.count, "componentType": _FLOAT, "type": kind} for name, kind in types.items()
-    }
-    accessors["POSITION"] |= {"min": low, "max": high}
-    accessors["COLOR_0"] |= {"componentType": _UNSIGNED_BYTE, "normalized": True}
-    extension = {**_KERNEL, "extensions": {SPZ_EXTENSION: {"bufferView": 0}}}
-    return _Body(extension, (EXTENSION, SPZ_EXTENSION), accessors, (np.frombuffer(data, np.uint8),), losses)
+        accessors.append(accessor)
+    return accessors
 
 
 def _sh_names(first: int, last: int) -> list[str]:
@@ -159,19 +112,17 @@ def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
     return {**arrays, "COLOR_0": np.rint(fallback * 65535).astype("<u2")}
 
 
-def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> JsonObject:
+def _document(gaussians: Gaussians, arrays: Mapping[str, NDArray], cameras: Sequence[Camera]) -> JsonObject:
     """The JSON, but for a buffer's address."""
     views: list[JsonObject] = []
     offset = 0
-    for chunk in body.chunks:
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": chunk.nbytes})
-        if not body.required:  # vertices as they are
-            views[-1]["target"] = _ARRAY_BUFFER
+    for chunk in arrays.values():
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": chunk.nbytes, "target": _ARRAY_BUFFER})
         offset += -(-chunk.nbytes // 4) * 4
     primitive = {
-        "attributes": {name: i for i, name in enumerate(body.accessors)},
+        "attributes": {name: i for i, name in enumerate(arrays)},
         "mode": 0,
-        "extensions": {EXTENSION: body.extension},
+        "extensions": {EXTENSION: _KERNEL},
     }
     nodes: list[JsonObject] = [{"name": "gaussians", "mesh": 0}]
     if gaussians.origin.any():
@@ -179,17 +130,15 @@ def _document(gaussians: Gaussians, body: _Body, cameras: Sequence[Camera]) -> J
     nodes += [_camera_node(v, camera) for v, camera in enumerate(cameras)]
     document: JsonObject = {
         "asset": _asset(gaussians.notes),
-        "extensionsUsed": list(body.required or (EXTENSION,)),
+        "extensionsUsed": [EXTENSION],
         "scene": 0,
         "scenes": [{"nodes": list(range(len(nodes)))}],
         "nodes": nodes,
         "meshes": [{"primitives": [primitive]}],
-        "accessors": list(body.accessors.values()),
+        "accessors": _accessors(arrays),
         "bufferViews": views,
         "buffers": [{"byteLength": offset}],
     }
-    if body.required:
-        document["extensionsRequired"] = list(body.required)
     if cameras:
         document["cameras"] = [_perspective(camera) for camera in cameras]
     return document

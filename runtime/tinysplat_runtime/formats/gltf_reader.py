@@ -35,7 +35,7 @@ from .arrays import viewpoint_arrays
 from .assembly import joined
 from .axes import half_turned
 from .colours import srgb_of_linear
-from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK, SPZ_EXTENSION
+from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK
 from .placement import placed
 from .spz import decode_spz
 
@@ -53,6 +53,10 @@ _ACCEPTED = {
     "sortingMethod": ("cameraDistance",),
 }
 """What the extension's fields may say; files by its drafts lack some."""
+
+SPZ_EXTENSION = "KHR_gaussian_splatting_compression_spz_2"
+"""A draft, by which an SPZ file in a buffer view stands in place of accessors. It speaks of other axes for what SPZ's
+library unpacks; we do as CesiumJS does: SPZ's numbers are glTF's."""
 
 _NEEDED = re.compile(rf"{EXTENSION}|{SPZ_EXTENSION}|KHR_mesh_quantization|(KHR|EXT)_(materials|lights|texture|xmp)_\w+")
 """Extensions that a file may require: known here, or of no concern to Gaussians."""

@@ -36,12 +36,10 @@ class WriteOptions:
     Attributes:
         sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
         spz_version: 2, 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
-        gltf_spz: whether glTF files hold their Gaussians as SPZ, by a draft of an extension; see `gltf`.
     """
 
     sh_bits: tuple[int, int] = SH_BITS
     spz_version: int = SPZ_VERSION
-    gltf_spz: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,17 +91,6 @@ def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
     return notes
 
 
-def _gltf(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
-    from .gltf import write_gltf
-    from .spz import encode_spz
-
-    if not options.gltf_spz:
-        return write_gltf(path, gaussians)
-    if options.spz_version > SPZ_VERSION:
-        raise InputError(f"{options.spz_version} within glTF, expected at most {SPZ_VERSION}", where="SPZ version")
-    return write_gltf(path, gaussians, lambda flat: encode_spz(flat, flat.means, options.sh_bits, options.spz_version))
-
-
 FORMATS = (
     Format(
         "npz", (".npz",), "everything, exactly", "numpy", "",
@@ -130,7 +117,7 @@ FORMATS = (
     Format(
         "glTF", (".glb", ".gltf"), "a list, float, SH to degree 3; cameras, origin, notes",
         "three.js, Babylon.js, CesiumJS", "",
-        _from("gltf_reader.read_gltf"), _gltf, _from("gltf_reader.read_gltf_notes"),
+        _from("gltf_reader.read_gltf"), _to("gltf.write_gltf"), _from("gltf_reader.read_gltf_notes"),
     ),
     Format(
         "SOG", (".sog", "meta.json"), "a list, 16-bit positions, codebooks, SH to degree 3 from a palette",
@@ -225,12 +212,7 @@ def load_gaussians(
 
 
 def save_gaussians(
-    path: StrPath,
-    gaussians: Gaussians,
-    sh_bits: tuple[int, int] = SH_BITS,
-    spz_version: int = SPZ_VERSION,
-    *,
-    gltf_spz: bool = False,
+    path: StrPath, gaussians: Gaussians, sh_bits: tuple[int, int] = SH_BITS, spz_version: int = SPZ_VERSION
 ) -> list[str]:
     """Write a Gaussian file, atomically.
 
@@ -239,7 +221,7 @@ def save_gaussians(
     Args:
         path: its ending tells the format, one of FORMATS.
         gaussians: any, with any number of layers.
-        sh_bits, spz_version, gltf_spz: see `WriteOptions`.
+        sh_bits, spz_version: see `WriteOptions`.
 
     Returns:
         What the format could not keep or other readers may not expect, one line each; empty when there is nothing.
@@ -259,7 +241,7 @@ def save_gaussians(
     lost = [f"notes left out, for which {form.endings[0]} has no room: {', '.join(unsaid)}"] if unsaid else []
     try:
         with atomic_path(path) as temporary:
-            return [*form.write(temporary, gaussians, WriteOptions(sh_bits, spz_version, gltf_spz)), *lost]
+            return [*form.write(temporary, gaussians, WriteOptions(sh_bits, spz_version)), *lost]
     except ImportError:
         raise _missing_package(path, form) from None
     except InputError as error:

@@ -15,6 +15,7 @@ import html
 import importlib.resources
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from string import Template
 
 from numpy.typing import NDArray
@@ -52,45 +53,42 @@ SMALL = "small.json.gz"
 """Smaller scripts, and what they were made of."""
 
 
-def scene_page(
-    data: bytes,
-    *,
-    title: str,
-    cameras: Sequence[Camera] = (),
-    photos: Mapping[int, NDArray] | None = None,
-    first: int = 0,
-    poster: NDArray | None = None,
-    source: str | None = None,
-) -> str:
-    """The page of one file, which loads nothing from anywhere but `source`.
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a page shows beside its file.
 
-    Args:
-        data: a .tsplat file of a mode that needs no network, as it is.
+    Attributes:
         title: heading, plain text.
         cameras: views to choose from, of a file that has none.
         photos: (H, W, 3) in [0, 1] or uint8, by index of the file's views or `cameras`.
         first: the view that the page begins at.
         poster: (H, W, 3) in [0, 1] or uint8, that view's picture, shown until the scene is drawn.
+    """
+
+    title: str
+    cameras: Sequence[Camera] = ()
+    photos: Mapping[int, NDArray] = field(default_factory=dict)
+    first: int = 0
+    poster: NDArray | None = None
+
+
+def scene_page(data: bytes, shown: Shown, source: str | None = None) -> str:
+    """The page of one file, which loads nothing from anywhere but `source`.
+
+    Args:
+        data: a .tsplat file of a mode that needs no network, as it is.
+        shown: beside it.
         source: where the server that the page comes from has the file, in ranges if it gives them; None writes the file
             into the page.
     """
-    pictures = {i: _picture(photo) for i, photo in (photos or {}).items()}
-    scene = _scene(cameras, pictures, first, source)
-    shown = None if poster is None else _picture(poster)
+    scene = _scene(shown, {i: _picture(photo) for i, photo in shown.photos.items()}, source)
+    poster = None if shown.poster is None else _picture(shown.poster)
     if source is not None:
-        return _page(title, scene, "", sources="'self' blob:", poster=shown)
-    return _page(title, scene, _base85(data), sources="blob:", poster=shown)
+        return _page(shown.title, scene, "", sources="'self' blob:", poster=poster)
+    return _page(shown.title, scene, _base85(data), sources="blob:", poster=poster)
 
 
-def scene_files(
-    data: bytes,
-    *,
-    title: str,
-    cameras: Sequence[Camera] = (),
-    photos: Mapping[int, NDArray] | None = None,
-    first: int = 0,
-    poster: NDArray | None = None,
-) -> dict[str, bytes]:
+def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
     """As `scene_page`, as files of a folder for a web server, by name: for sites whose Content-Security-Policy allows
     scripts, styles and pictures of their own alone.
     """
@@ -103,17 +101,16 @@ def scene_files(
         b"start(decoder, new Uint8Array());\n",
         "style.css": _text("style.css").encode(),
     }
-    pictures = {f"photo{i}.jpg": jpeg_bytes(photo, JPEG_QUANTISER) for i, photo in (photos or {}).items()}
-    if poster is not None:
-        pictures["poster.jpg"] = jpeg_bytes(poster, JPEG_QUANTISER)
-    scene = _scene(cameras, {i: f"photo{i}.jpg" for i in photos or {}}, first, SCENE)
+    pictures = {f"photo{i}.jpg": jpeg_bytes(photo, JPEG_QUANTISER) for i, photo in shown.photos.items()}
+    if shown.poster is not None:
+        pictures["poster.jpg"] = jpeg_bytes(shown.poster, JPEG_QUANTISER)
     page = _filled(
-        title,
-        scene,
+        shown.title,
+        _scene(shown, {i: f"photo{i}.jpg" for i in shown.photos}, SCENE),
         policy=FILES_POLICY,
         style='<link rel="stylesheet" href="style.css">',
         code='<script type="module" src="start.js"></script>',
-        poster=None if poster is None else "poster.jpg",
+        poster=None if shown.poster is None else "poster.jpg",
     )
     return {"index.html": page.encode()} | files | pictures
 
@@ -151,10 +148,10 @@ def scripts_digest(texts: tuple[str, str]) -> str:
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()
 
 
-def _scene(cameras: Sequence[Camera], photos: Mapping[int, str], first: int, source: str | None) -> dict[str, object]:
-    """What the page's script is told."""
-    own = [_camera(camera) for camera in cameras]
-    return {"cameras": own, "isPlayer": False, "first": first, "photos": dict(photos), "source": source}
+def _scene(shown: Shown, photos: Mapping[int, str], source: str | None) -> dict[str, object]:
+    """What the page's script is told; photos by their addresses."""
+    own = [_camera(camera) for camera in shown.cameras]
+    return {"cameras": own, "isPlayer": False, "first": shown.first, "photos": dict(photos), "source": source}
 
 
 def _page(

@@ -94,7 +94,7 @@ def write(
     elif name.endswith(SUFFIX):
         write_atomically(path, _coded(gaussians, request, tools, source))
     else:
-        losses = save_gaussians(path, gaussians, request.sh_bits, request.spz_version, gltf_spz=request.gltf_spz)
+        losses = save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
         if request.fuse is not None and gaussians.viewpoints and not name.endswith(KEEPS_CAMERAS):
             save_beside(Path(path), gaussians)
         return losses

@@ -50,7 +50,6 @@ def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> JsonObj
         **file_report(inspect_bytes(coded.data), coded.stats.watch),
         "clipped": coded.stats.clipped,
         "error_by_attribute": errors,
-        "reason": coded.stats.reason,
         **({"psnr": coded.stats.psnr, "seen_from": coded.stats.views} if coded.stats.views else {}),
         **({"refine": asdict(coded.refinement)} if coded.refinement else {}),
     }

@@ -290,7 +290,6 @@ class ExportKeywords(NoteKeywords, total=False):
     points: bool
     sh_bits: Sequence[int] | str
     spz_version: int
-    gltf_spz: bool
     crop: Sequence[float] | str | None
     rotate: Sequence[float] | str | None
     scale: float
@@ -348,7 +347,6 @@ class ExportRequest(Noted):
         choices=SPZ_VERSIONS,
         help="default 3; 4 keeps SH degree 4, wants zstd",
     )
-    gltf_spz: bool = option(words.flag, False, group=HOW, help="glTF with SPZ inside, a draft that Cesium reads")
     crop: tuple[float, ...] | None = option(
         words.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
     )

@@ -13,14 +13,11 @@ import numpy as np
 
 from ..codec.decoder import decode_gaussians
 from ..codec.job import EncodeStats, Job, PhotoScene
-from ..codec.modes import AUTO
-from ..codec.modes.choice import choose
 from ..codec.modes.registry import MODES
 from ..codec.recode import encode_like
 from ..codec.search import Coder, Once, code_to_psnr, code_to_size
 from ..container.exact import Exact
 from ..container.list import List
-from ..container.photos import Photos
 from ..container.planes import Planes
 from ..container.records import Limits
 from ..errors import InputError, warn
@@ -161,24 +158,18 @@ def _meeting(coder: Coder, coding: Coding, job: Job, limits: Limits, cameras: Se
 def code_photos(
     gaussians: Gaussians, request: EncodeRequest, photos: PhotoScene, tools: Tools, *, stats: EncodeStats
 ) -> bytes:
-    """A file of the mode that is asked for, which carries photos; or where `auto` has better, Gaussians.
+    """A file of the mode that is asked for, which carries photos.
 
     Args:
         gaussians: what the network made of the photos.
         request: how.
         photos: what a network was given.
         tools: to do it with.
-        stats: filled with what was measured, the mode, and why `auto` came to it.
+        stats: filled with what was measured, and the mode.
     """
-    seconds = stats.watch.seconds.get("network", 0.0)
     job = Job(gaussians, request.planes, request.step_qp, tools.store, tools.threads, stats, photos=photos)
-    mode = MODES[Photos.mode if request.mode == AUTO else request.mode]
-    data, stats.mode = mode.encode(job), mode.name
-    if request.mode != AUTO:
-        return data
-    planes = code(gaussians, request, tools, stats=stats)
-    stats.mode, stats.reason = choose(planes, data, photos.network, seconds)
-    return data if stats.mode == mode.name else planes
+    stats.mode = request.mode
+    return MODES[request.mode].encode(job)
 
 
 def _measure(job: Job, data: bytes, limits: Limits, views: Views) -> None:

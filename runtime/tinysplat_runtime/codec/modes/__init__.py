@@ -11,8 +11,5 @@ docs/MODES.md has figures. Importing this package loads nothing, so that the com
 
 DEFAULT_MODE = "gaussians"
 
-AUTO = "auto"
-"""Choose between gaussians and photos; `choice` says how."""
-
-CHOICES = (DEFAULT_MODE, "photos", AUTO)
+CHOICES = (DEFAULT_MODE, "photos")
 """What a scene of photos can be encoded as."""
