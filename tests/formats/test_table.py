@@ -52,3 +52,11 @@ def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
     noted = g.with_notes(Notes("m", "us"))
     said = " ".join(save_gaussians(tmp_path / "a.spz", noted))
     assert all(word in said for word in (".spz", "unit", "attribution"))
+
+
+@pytest.mark.parametrize("ending", [".npz", ".safetensors", ".ply", ".spz", ".glb", ".sog"])
+def test_a_file_under_another_formats_ending_is_told_its_own(tmp_path: Path, ending: str) -> None:
+    save_gaussians(tmp_path / f"a{ending}", make_list(5, 0, np.random.default_rng(0)))
+    other = (tmp_path / f"a{ending}").rename(tmp_path / ("a.ply" if ending == ".spz" else "a.spz"))
+    with pytest.raises(InputError, match=rf"{other.name}: .*\{ending} "):
+        load_gaussians(other)

@@ -104,10 +104,9 @@ def _other_format(file: str, data: bytes | None, grid: tuple[int, int, int] | No
 
 def _suffix_of(data: bytes) -> str:
     """The ending that a file of these bytes would have."""
-    starts = {b"ply": ".ply", b"PK": ".npz", b"\x1f\x8b": ".spz", b"NGSP": ".spz", b"glTF": ".glb"}
-    ending = next((suffix for start, suffix in starts.items() if data.startswith(start)), None)
-    if ending is None and data[8:9] == b"{":
-        ending = ".safetensors"
+    from ..formats.table import ending_of
+
+    ending = ending_of(data)
     if ending is None:
         accepted = ".tsplat, .npz, .safetensors, .ply, .spz or .glb"
         raise InputError(f"starts with {data[:4].hex(' ') or 'nothing'}, expected {accepted}", where="standard input")

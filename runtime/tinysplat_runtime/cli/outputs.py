@@ -21,6 +21,9 @@ _URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 
 PAGES = (".html", ".htm")
 
+_EXAMPLES = {"view": ".html", "render": ".png", "decode": ".spz", "convert": ".spz"}
+"""Endings of what further commands may write, for messages."""
+
 CODED_BY = ("encode", "compress")
 """Commands that write .tsplat files alone."""
 
@@ -41,23 +44,26 @@ def check_inputs(args: Namespace) -> None:
 
 def check_outputs(args: Namespace) -> None:
     """Refuse outputs that are no files of this machine's, and those that are there already without `--force`."""
+    example = f"scene{_EXAMPLES.get(args.command, SUFFIX)}"
     is_folder = getattr(args, "networks", None) or getattr(args, "as_files", False)
     for name, option in OUTPUTS.items():
         path = getattr(args, name, None)
         if path is None or is_standard(path):
             continue
+        if not path:
+            raise InputError(f"an empty name, expected that of a file such as {example}", where=option)
         if _URL.match(path):
             raise InputError("a URL, expected a file's name on this machine (`batch` writes to URLs)", where=path)
         target = Path(path)
         if path.endswith(("/", "\\")) and not target.is_dir() and not is_folder:
-            raise InputError(f"is the name of a folder, expected that of a file such as {target / 'scene'}", where=path)
+            raise InputError(f"is the name of a folder, expected that of a file such as {target / example}", where=path)
         if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
             fault = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
             raise InputError(fault, where=path)
         if args.command == "view" and not is_folder and target.suffix.lower() not in PAGES and not target.is_dir():
             raise InputError(f"'{target.suffix}', expected .html: {option} names a page", where=path)
         if target.is_dir() and not is_folder:
-            raise InputError(f"is a folder, expected the name of a file such as {target / 'scene'}", where=path)
+            raise InputError(f"is a folder, expected the name of a file such as {target / example}", where=path)
         if not target.absolute().parent.is_dir():
             raise InputError(f"folder {target.parent} does not exist; create it first", where=path)
         if target.is_file() and not getattr(args, "force", False):

@@ -17,6 +17,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ..container.layout import MAGIC, SUFFIX
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import NAMES, NO_NOTES, Notes
@@ -140,6 +141,16 @@ def endings(*, written: bool) -> tuple[str, ...]:
     return tuple(ending for form in chosen for ending in form.endings)
 
 
+def ending_of(data: bytes) -> str | None:
+    """The ending that a file's first bytes ask for, at least 64 of them; None where they tell none."""
+    if data.startswith(b"PK"):  # the name of what a zip archive holds first
+        first = data[30 : 30 + int.from_bytes(data[26:28], "little")]
+        return ".npz" if first.endswith(b".npy") else ".usdz" if b".usd" in first else ".sog"
+    starts = {b"ply": ".ply", b"\x1f\x8b": ".spz", b"NGSP": ".spz", b"glTF": ".glb", MAGIC: SUFFIX}
+    ending = next((ending for start, ending in starts.items() if data.startswith(start)), None)
+    return ".safetensors" if ending is None and data[8:9] == b"{" else ending
+
+
 def find_format(path: StrPath, *, written: bool) -> Format:
     """The format that a file's name tells.
 
@@ -208,7 +219,13 @@ def load_gaussians(
     except ImportError:
         raise _missing_package(path, form) from None
     except InputError as error:
-        raise error.within(str(path)) from None
+        with path.open("rb") as file:
+            told = ending_of(file.read(64))
+        if told is None or path.name.lower().endswith(told) or told in form.endings:
+            raise error.within(str(path)) from None
+        raise InputError(
+            f"begins as {told} files do, expected {form.name}; give it that ending", where=str(path)
+        ) from None
 
 
 def save_gaussians(

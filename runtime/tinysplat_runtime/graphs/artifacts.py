@@ -107,12 +107,19 @@ def load_manifest(folder: str | os.PathLike[str] | None = None) -> dict[str, Art
         raise ModelError(f"not a manifest of artifacts ({type(error).__name__}: {error})", where=str(path)) from None
 
 
+CHECKPOINTS = (".ckpt", ".pt", ".pth", ".safetensors", ".bin")
+"""Endings of files of weights, which somebody may take for networks."""
+
+
 def find_artifact(name: str, role: str, folder: str | os.PathLike[str] | None = None) -> Artifact:
     """The artifact that `name` means: a name in the manifest, or the path of an .onnx or .ort file.
 
     Raises:
         ModelError: there is no such artifact, or it has another role.
     """
+    if name.endswith(CHECKPOINTS):
+        fault = "a checkpoint, expected an .onnx file: `python export/network.py` makes one of it (docs/MODELS.md)"
+        raise ModelError(fault, where=name)
     if name.endswith((".onnx", ".ort")) or os.sep in name:
         path = Path(name)
         if not path.is_file():
