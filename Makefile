@@ -28,8 +28,19 @@ test: $(VENV)/.installed  ## the tests, on all cores (under 15 minutes on 2); "d
 test-slow: $(VENV)/.installed  ## the tests that take minutes each
 	$(VENV)/bin/python -m pytest -q -m slow
 
+# The chain from the command line, the container, x265 and libavcodec through PyAV, Gaussian files, both ways to draw.
+RANGE_TESTS := $(addprefix tests/, e2e/test_cli.py container/test_table.py codec/test_hevc.py codec/test_recode.py \
+	system/test_files.py formats/test_formats.py formats/test_ply.py render/test_extremes.py render/test_rasteriser.py)
+
 test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest versions of what it depends on (needs the network)
-	$(VENV)/bin/python .ci/ranges.py
+	$(VENV)/bin/python -m pip install -q uv
+	set -e; for end in lowest-direct highest; do \
+	  $(VENV)/bin/uv venv -q --clear build/$$end; \
+	  $(VENV)/bin/uv pip install --only-binary :all: --no-binary tinysplat --python build/$$end \
+	    --resolution $$end -e ".[io,fast]"; \
+	  $(VENV)/bin/uv pip install -q --python build/$$end "pytest<10" pytest-timeout hypothesis; \
+	  build/$$end/bin/python -m pytest -q -p no:cacheprovider -W default $(RANGE_TESTS); \
+	done
 
 fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files, about 40 minutes of one core
 	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign

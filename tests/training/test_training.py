@@ -17,7 +17,6 @@ from tinysplat.training.config import Config, DataSettings, OptimiserSettings, R
 from tinysplat.training.data import SampleStream
 from tinysplat.training.loop import CHECKPOINT, CURVES, train, train_step
 from tinysplat.training.losses import candidate_entropy, losses
-from tinysplat.training.pack import main as pack_main
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.state import TrainingState, read_checkpoint
 from tinysplat.training.textures import SIZE, texture_bank
@@ -213,15 +212,3 @@ def test_configurations_that_cannot_be_meant_are_refused(
         load_config(path)
     assert caught.value.where.startswith(str(path)) and caught.value.where.endswith(place)
     assert all(word in caught.value.message for word in named)
-
-
-def test_packed_scenes_give_the_samples_of_their_folder(photos: Path, tmp_path: Path) -> None:
-    archive = tmp_path / "data.zip"
-    assert pack_main([str(photos), "-o", str(archive)]) == 0
-    settings = dataclasses.replace(TINY, photos=str(photos), photo_share=1.0)
-    packed = SampleStream(dataclasses.replace(settings, photos=str(archive)))
-    for index in range(3):
-        assert torch.equal(packed.sample(index).images, SampleStream(settings).sample(index).images)
-    archive.write_bytes(archive.read_bytes()[:100])
-    with refusing(InputError, str(archive)):
-        SampleStream(dataclasses.replace(settings, photos=str(archive)))

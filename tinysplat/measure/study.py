@@ -14,7 +14,7 @@ from tinysplat_runtime.scene.scenes import Scene
 
 from .lpips import LpipsFiles, find_lpips
 from .rows import Row, RowFile
-from .runner import RunOutcome, RunPlan, WindowJob, list_jobs
+from .runner import RunOutcome, RunPlan
 from .subjects.cases import Case, Source, Window
 from .subjects.room import Motorcycle, Room
 from .subjects.sources import FolderSource
@@ -145,21 +145,6 @@ class Run:
         """The rows of windows; what was left out is noted."""
         self.left_out += [*map(str, outcome.left_out), *outcome.notes]
         return outcome.rows
-
-    def jobs(self, views: Sequence[int]) -> Iterator[WindowJob]:
-        """For every scene and number of photos the first windows of so many, or the first photos of larger ones."""
-        plan = self.plan()
-        jobs, left_out, notes = list_jobs(replace(plan, limit=None))
-        self.left_out += [*map(str, left_out), *notes]
-        scenes: dict[tuple[str, str], list[WindowJob]] = {}
-        for job in jobs:
-            scenes.setdefault((job.source.name, job.model), []).append(job)
-        for same in scenes.values():
-            for count in plan.views or views:
-                exact = [job for job in same if len(job.window.context) == count]
-                larger = [job for job in same if len(job.window.context) > count]
-                for job in (exact or larger)[: plan.limit]:
-                    yield replace(job, window=replace(job.window, context=job.window.context[:count]))
 
     @cached_property
     def case(self) -> Case:

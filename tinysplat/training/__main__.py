@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--start", type=Path, metavar="CHECKPOINT", help="begin with these weights")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="in place of the configuration's")
     for name, text in (("photos", "scene folders"), ("pictures", "textures"), ("validation", "scenes to validate on")):
-        parser.add_argument(f"--{name}", type=Path, metavar="PATH", help=f"folder or .zip of {text}, likewise")
+        parser.add_argument(f"--{name}", type=Path, metavar="PATH", help=f"folder of {text}, likewise")
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     try:

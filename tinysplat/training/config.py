@@ -26,9 +26,8 @@ class DataSettings:
     """Where samples come from; relative folders are relative to the configuration file.
 
     Attributes:
-        photos: folder of scene folders whose photos are targets and textures, or a .zip of one (`pack`), or empty for
-            procedural scenes alone.
-        pictures: folder of further photos for textures, searched to the bottom, or a .zip, or empty for none.
+        photos: folder of scene folders whose photos are targets and textures, or empty for procedural scenes alone.
+        pictures: folder of further photos for textures, searched to the bottom, or empty for none.
         validation: folder of scene folders with eval_index.json, or empty for none.
         seed: of weights, textures and samples.
         side: of the square crops, pixels; a multiple of 16.

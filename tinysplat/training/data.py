@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
 from .config import DataSettings
-from .pack import unpacked
 from .photos import PhotoSet, scene_folders
 from .procedural import procedural_sample
 from .samples import Sample
@@ -38,11 +38,11 @@ class SampleStream:
     def __init__(self, settings: DataSettings) -> None:
         self.settings = settings
         self.photos, scenes = PhotoSet((), ()), []
-        with unpacked(settings.photos) as folder, unpacked(settings.pictures) as pictures:
-            if folder is not None:
-                self.photos = PhotoSet.load(folder)
-                scenes = scene_folders(folder)
-            self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
+        if settings.photos:
+            self.photos = PhotoSet.load(Path(settings.photos))
+            scenes = scene_folders(Path(settings.photos))
+        pictures = Path(settings.pictures) if settings.pictures else None
+        self.textures = texture_bank(scenes, settings.textures, self._generator(_BANK), pictures)
 
     def _generator(self, index: int) -> np.random.Generator:
         return np.random.default_rng([self.settings.seed, index])

@@ -10,9 +10,10 @@ import numpy as np
 
 from ..gaussian.gaussians import Gaussians
 from ..render import DEFINITION, Renderer
+from ..render.compare import mean_decibels
 from ..render.paths import orbit, outside
 from ..scene.cameras import Camera
-from ..system.decibels import CEILING, decibels
+from ..system.decibels import CEILING
 from ..system.evenly import evenly
 from ..system.files import StrPath
 from .table import load_gaussians
@@ -53,10 +54,8 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
     views = _views(gaussians)
     # As defined: most formats keep no cameras, and what is drawn with their help would count as lost.
     ours, theirs = (Renderer(drawn, None, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
-    errors = [np.mean((ours.render(camera) - theirs.render(camera)) ** 2, dtype=np.float64) for camera in views]
-    each = [decibels(float(error)) for error in errors]
-    size = sum(part.stat().st_size for part in _parts(Path(path)))
-    return Loss(size, sum(each) / len(each), len(each))
+    psnr = mean_decibels(map(theirs.render, views), map(ours.render, views))
+    return Loss(sum(part.stat().st_size for part in _parts(Path(path))), psnr, len(views))
 
 
 def _views(gaussians: Gaussians) -> Sequence[Camera]:

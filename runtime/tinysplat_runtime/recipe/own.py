@@ -15,9 +15,9 @@ from ..codec.parts import SceneFile
 from ..codec.ranges import ranges_of
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render import Renderer
+from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
-from ..system.decibels import decibels
 from ..system.evenly import evenly
 from .prepare import ALL_VIEWS
 from .stages import Tools
@@ -106,15 +106,15 @@ def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: in
     whole = None
     if rows == height and len(cameras) in ALL_VIEWS:
         whole = Renderer(near(cameras[0]), threads=threads, compiled=False)
-    errors = []
-    for camera, image in zip(cameras, images, strict=True):
+
+    def drawn(camera: Camera) -> NDArray:
         band = _rows_of(camera, slice(first, first + rows))
-        renderer = whole
-        if renderer is None:
-            part = near(camera) if rows == height else _about(near(camera), band)
-            renderer = Renderer(part, threads=threads, compiled=False, keep=False)
-        errors.append(float(np.mean((renderer.render(band) - image[first : first + rows]) ** 2, dtype=np.float64)))
-    return float(np.mean([decibels(error) for error in errors]))
+        if whole is not None:
+            return whole.render(band)
+        part = near(camera) if rows == height else _about(near(camera), band)
+        return Renderer(part, threads=threads, compiled=False, keep=False).render(band)
+
+    return mean_decibels(map(drawn, cameras), images[:, first : first + rows])
 
 
 def _rows_of(camera: Camera, rows: slice) -> Camera:

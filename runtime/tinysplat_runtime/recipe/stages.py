@@ -24,6 +24,7 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..render import Renderer
+from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.decibels import decibels
@@ -194,11 +195,6 @@ def _fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Callable[[
 
     def measure(data: bytes) -> float:
         again = decode_gaussians(data, store, threads=threads, limits=limits)
-        decoded = Renderer(again, threads=threads, compiled=False)
-        errors = [
-            float(np.mean((decoded.render(camera).clip(0, 1) - image.clip(0, 1)) ** 2, dtype=np.float64))
-            for camera, image in zip(cameras, raw, strict=True)
-        ]
-        return float(np.mean([decibels(error) for error in errors]))
+        return mean_decibels(map(Renderer(again, threads=threads, compiled=False).render, cameras), raw)
 
     return measure

@@ -74,13 +74,11 @@ class PhotoViews:
         images: (V, H, W, 3) float32 in [0, 1].
         cameras: one per view.
         depths: (H, W) true z per view, 0 where unknown, or None.
-        enlarged: by how much the stored photos were scaled up to this size; at most 1 where they were not.
     """
 
     images: NDArray
     cameras: tuple[Camera, ...]
     depths: tuple[NDArray | None, ...] = ()
-    enlarged: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

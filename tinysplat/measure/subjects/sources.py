@@ -86,10 +86,8 @@ class FolderSource(PhotoSource):
         whole = self.scene()
         near, far = whole.depth_range()
         context, targets = (whole.resized(*size).views(indices) for indices in (window.context, window.targets))
-        stored = [whole.frames[i].camera for i in window.targets]
-        enlarged = max(max(size[0] / camera.height, size[1] / camera.width) for camera in stored)
         depths = tuple(self._depths(window.targets, targets.cameras))
-        seen = PhotoViews(targets.images(), tuple(targets.cameras), depths, enlarged)
+        seen = PhotoViews(targets.images(), tuple(targets.cameras), depths)
         return Shots(PhotoViews(context.images(), tuple(context.cameras)), seen, near, far, context)
 
     def fingerprint(self, window: Window) -> str:
@@ -141,8 +139,7 @@ class ChunkSource(PhotoSource):
         spec = SPECS[self.dataset]
         scene = _chunk_folder(self.folder, self.dataset).scene(self.key)
         context, targets = (scene.views(indices, size) for indices in (window.context, window.targets))
-        height, width = min(spec.frame_shapes)
-        seen = PhotoViews(targets[0], tuple(targets[1]), enlarged=max(size[0] / height, size[1] / width))
+        seen = PhotoViews(targets[0], tuple(targets[1]))
         return Shots(PhotoViews(context[0], tuple(context[1])), seen, self.near or spec.near, self.far or spec.far)
 
     def fingerprint(self, window: Window) -> str:

@@ -1,0 +1,17 @@
+"""How like pictures are to others, in dB."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..system.decibels import decibels
+
+
+def mean_decibels(pictures: Iterable[NDArray], wanted: Iterable[NDArray]) -> float:
+    """PSNR in dB of pictures (H, W, 3) float in [0, 1] to others of their shapes, the mean over the pairs."""
+    errors = (np.mean((one - other) ** 2, dtype=np.float64) for one, other in zip(pictures, wanted, strict=True))
+    return statistics.fmean(decibels(float(error)) for error in errors)
