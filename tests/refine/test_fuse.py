@@ -11,45 +11,50 @@ from scenes import make_cameras, make_list, tells
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.quaternions import normalize_quats
 from tinysplat_runtime.gaussian.thin import thinned
 from tinysplat_runtime.refine.descent import Descent, Pace
 from tinysplat_runtime.refine.free import FreeGaussians
 from tinysplat_runtime.refine.fuse import FuseStats, fused
-from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
+from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, TURN
 from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.render.gradient import Target
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
 STEP = 1e-6
+EVERY = Pace(turn=0.01, sh_rest=0.002)
 
 
 def moved(start: Gaussians, units: np.ndarray, values: np.ndarray) -> Gaussians:
-    """The definition of `kernels_free.VALUES`, in float64."""
+    """The definition of the values, in float64."""
     sh = start.sh.astype(np.float64)
-    sh[:, 0] = values[SH_RED:].T
+    functions = (len(values) - SH_RED) // 3
+    sh[:, :functions] = values[SH_RED:].T.reshape(-1, functions, 3)
     return Gaussians.unchecked(
         means=start.means + units[:, None] * values[MOVE:LOG_SCALE].T,
-        quats=start.quats.astype(np.float64),
-        scales=np.exp(values[LOG_SCALE:LOGIT]).T,
+        quats=(values[TURN:LOGIT] / np.linalg.norm(values[TURN:LOGIT], axis=0)).T,
+        scales=np.exp(values[LOG_SCALE:TURN]).T,
         opacities=1 / (1 + np.exp(-values[LOGIT])),
         sh=sh,
     )
 
 
-def before_a_camera(size: float) -> Gaussians:
-    """Thirty of degree 0, about 3 before the origin, opacities around a half."""
-    made = make_list(30, 0, np.random.default_rng(3))
+def before_a_camera(size: float, degree: int = 0) -> Gaussians:
+    """Thirty, about 3 before the origin, opacities around a half."""
+    made = make_list(30, degree, np.random.default_rng(3))
     means = np.random.default_rng(4).uniform([-1.2, -1, 2], [1.2, 1, 4], (30, 3))
     return replace(made, means=means, opacities=0.2 + 0.6 * made.opacities, scales=size * (0.02 + made.scales))
 
 
-@pytest.mark.parametrize(("size", "rtol"), [(0.3, 1e-3), (1.5, 1e-3), (80.0, 2e-2)])
-def test_gradients_are_finite_differences_of_the_float64_reference(size: float, rtol: float) -> None:
-    start, units = before_a_camera(size), np.random.default_rng(5).uniform(0.01, 0.2, 30).astype(np.float32)
+@pytest.mark.parametrize(("size", "degree", "rtol"), [(0.3, 0, 1e-3), (1.5, 0, 1e-3), (80.0, 0, 2e-2), (1.5, 2, 1e-3)])
+def test_gradients_are_finite_differences_of_the_float64_reference(size: float, degree: int, rtol: float) -> None:
+    """But for what colours of degree 1 and up change by as a Gaussian moves."""
+    start, units = before_a_camera(size, degree), np.random.default_rng(5).uniform(0.01, 0.2, 30).astype(np.float32)
     camera = Camera([[20, 1.0, 9], [0, 18, 8], [0, 0, 1]], make_cameras(3, 16, 18, spacing=0.5)[0].c2w, 18, 16)
     photo = np.random.default_rng(6).uniform(size=(16, 18, 3)).astype(np.float32)
-    free = FreeGaussians(start, units, Crew(2).map)
+    free = FreeGaussians(start, units, Crew(2).map, (degree + 1) ** 2)
+    free.values[TURN:LOGIT, :30] *= np.random.default_rng(7).uniform(0.5, 2, 30)  # lengths say nothing
     gradient = np.zeros_like(free.values)
     free.measure(Target(camera, photo), gradient=gradient)
     values = free.values[:, :30].astype(np.float64)
@@ -57,7 +62,7 @@ def test_gradients_are_finite_differences_of_the_float64_reference(size: float, 
     def error(values: np.ndarray) -> float:
         return float(np.abs(render_reference(moved(start, units, values), camera)["rgb"] - photo).sum())
 
-    for kind in range(VALUES):
+    for kind in range(MOVE if degree == 0 else LOG_SCALE, len(values)):
         scale = float(np.abs(gradient[kind]).max())
         assert scale > 0
         for row in np.argsort(-np.abs(gradient[kind, :30]))[:10]:
@@ -69,6 +74,7 @@ def test_gradients_are_finite_differences_of_the_float64_reference(size: float, 
 
 def test_free_gaussians_are_what_they_were_until_they_move_and_lose_only_what_is_dropped():
     start = before_a_camera(1.0)
+    start = replace(start, quats=normalize_quats(start.quats))
     free = FreeGaussians(start, np.ones(30), Crew(1).map)
     for name in FIELDS:
         np.testing.assert_allclose(getattr(free.gaussians(), name), getattr(start, name), rtol=1e-5, atol=1e-6)
@@ -79,12 +85,12 @@ def test_free_gaussians_are_what_they_were_until_they_move_and_lose_only_what_is
 
 
 def test_a_step_moves_every_kind_of_value_down_its_slope_and_no_farther_than_its_size():
-    start, photo = before_a_camera(1.0), np.random.default_rng(6).uniform(size=(16, 18, 3)).astype(np.float32)
-    descent = Descent(FreeGaussians(start, np.full(30, 0.1, np.float32), Crew(2).map), Pace(), Crew(2).map)
+    start, photo = before_a_camera(1.0, 1), np.random.default_rng(6).uniform(size=(16, 18, 3)).astype(np.float32)
+    descent = Descent(FreeGaussians(start, np.full(30, 0.1, np.float32), Crew(2).map, 4), EVERY, Crew(2).map)
     before = descent.field.values[:, :30].copy()
     descent.step(Target(make_cameras(3, 16, 18, spacing=0.5)[1], photo), 0.0)
     slopes, change = descent.gradient[:, :30], descent.field.values[:, :30] - before
-    for kind, size in enumerate(Pace().step_sizes(0.0)):
+    for kind, size in enumerate(EVERY.step_sizes(0.0, 4)):
         steep = np.abs(slopes[kind]) > 0.1 * np.abs(slopes[kind]).max()
         assert (np.sign(change[kind, steep]) == -np.sign(slopes[kind, steep])).all()
         assert np.abs(change[kind]).max() <= 1.001 * size

@@ -25,7 +25,7 @@ ROUNDS = 4
 PACE = Pace(move=0.05, log_scale=0.01, logit=0.03, sh=0.004, last=0.05)
 
 _LEAST_LOGIT = math.log(ALPHA_MIN / (1 - ALPHA_MIN)) + 1e-4  # what shows nowhere could not come back
-_LIMITS = (*LIMITS[:LOGIT], (_LEAST_LOGIT, LIMITS[LOGIT][1]), *LIMITS[LOGIT + 1 :])
+_LIMITS = (*LIMITS[:LOGIT], (_LEAST_LOGIT, LIMITS[LOGIT][1]))
 
 
 def corrected(

@@ -14,10 +14,13 @@ from ..render.gradient import PhotoError, Target
 from ..scene.cameras import Camera
 from . import kernels
 from .free import FreeGaussians
-from .kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
+from .kernels_free import LOG_SCALE, LOGIT, MOVE, TURN
 
-LIMITS = ((-200.0, 200.0),) * 3 + ((-30.0, 30.0),) * 3 + ((-14.0, 7.0),) + ((-4.0, 8.0),) * 3
-"""Least and greatest value by kind; opacities end short of 1, from where there is no way back."""
+LIMITS = ((-200.0, 200.0),) * 3 + ((-30.0, 30.0),) * 3 + ((-4.0, 4.0),) * 4 + ((-14.0, 7.0),)
+"""Least and greatest value by kind, but for colours; opacities end short of 1, from where there is no way back."""
+
+COLOURS = -4.0, 8.0
+"""Least and greatest coefficient of SH."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,8 @@ class Pace:
     """How Gaussians are corrected; lengths in pixels of the view that shows a Gaussian largest.
 
     Attributes:
-        move, log_scale, logit, sh: largest change of a value in a step, roughly (Adam's step size), at the start.
+        move, log_scale, turn, logit, sh, sh_rest: largest change of a value in a step, roughly (Adam's step size), at
+            the start; `sh` of degree 0, `sh_rest` of those above.
         last: what is left of them at the end; they fall evenly on a logarithmic scale.
         momentum, memory, noise: Adam's β₁, β₂ and ε.
         looks: how often what has faded goes.
@@ -33,18 +37,21 @@ class Pace:
 
     move: float = 0.15
     log_scale: float = 0.02
+    turn: float = 0.0
     logit: float = 0.08
     sh: float = 0.01
+    sh_rest: float = 0.0
     last: float = 0.1
     momentum: float = 0.9
     memory: float = 0.99
     noise: float = 1e-3
     looks: int = 10
 
-    def step_sizes(self, way: float) -> list[float]:
-        """(10,) by kind of value, at a share of the way."""
-        sizes = [self.move] * (LOG_SCALE - MOVE) + [self.log_scale] * (LOGIT - LOG_SCALE) + [self.logit]
-        return [size * self.last ** min(way, 1) for size in sizes + [self.sh] * (VALUES - SH_RED)]
+    def step_sizes(self, way: float, functions: int) -> list[float]:
+        """By kind of value, at a share of the way."""
+        sizes = [self.move] * (LOG_SCALE - MOVE) + [self.log_scale] * (TURN - LOG_SCALE)
+        sizes += [self.turn] * (LOGIT - TURN) + [self.logit] + [self.sh] * 3 + [self.sh_rest] * 3 * (functions - 1)
+        return [size * self.last ** min(way, 1) for size in sizes]
 
 
 class Descent:
@@ -52,15 +59,17 @@ class Descent:
 
     Attributes:
         field: as they stand.
-        gradient: (10, rows) float32 of the last picture.
-        means: (2, 10, rows) float32, the running means of gradients and of their squares.
+        gradient: (kinds, rows) float32 of the last picture.
+        means: (2, kinds, rows) float32, the running means of gradients and of their squares.
         count: steps taken.
     """
 
     def __init__(
         self, field: FreeGaussians, pace: Pace, run_jobs: Callable, limits: Sequence[tuple[float, float]] = LIMITS
     ) -> None:
-        """`limits` are the least and greatest value by kind; `run_jobs` maps a function over a list, on any threads."""
+        """`limits` are the least and greatest value by kind, but for colours; `run_jobs` maps a function over a list,
+        on any threads.
+        """
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
         self._begin(field)
 
@@ -69,13 +78,14 @@ class Descent:
         self.gradient[:] = 0
         error = self.field.measure(target, gradient=self.gradient)
         self.count += 1
-        sizes, pace, count = self._pace.step_sizes(way), self._pace, float(self.count)
+        pace, count, functions = self._pace, float(self.count), self.field.functions
+        sizes, limits = pace.step_sizes(way, functions), [*self._limits, *[COLOURS] * 3 * functions]
 
         def move(kind: int) -> None:
-            numbers = (sizes[kind], pace.momentum, pace.memory, pace.noise, count, *self._limits[kind])
+            numbers = (sizes[kind], pace.momentum, pace.memory, pace.noise, count, *limits[kind])
             kernels.adam(self.field.values[kind], self.gradient[kind], *self.means[:, kind], numbers)
 
-        self._run(move, range(VALUES))
+        self._run(move, [kind for kind, size in enumerate(sizes) if size])
         self.field.place()
         return error
 

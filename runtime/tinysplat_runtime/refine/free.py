@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..gaussian.quaternions import normalize_quats
 from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, Comparer, PhotoError, Target
 from ..render.kernels_blend import Visible
 from ..render.kernels_chain import Moved
@@ -22,7 +22,7 @@ from ..render.prepare import BLOCK_SIZE, Block
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
 from . import kernels_free
-from .kernels_free import BASE, LOG_SCALE, LOGIT, MOVE, SH_RED, VALUES
+from .kernels_free import BASE, LOG_SCALE, LOGIT, MOVE, SH_RED, TURN, values_of
 
 LEAST_SCALE = 1e-4
 """Of a Gaussian's unit: thinner axes begin at this, so that they have logarithms and may grow."""
@@ -47,27 +47,35 @@ class FreeGaussians:
     """Gaussians, their values, and what drawing them as 3DGS defines takes.
 
     Attributes:
-        values: (10, rows) float32, see `kernels_free.VALUES`; rows behind `count` fill the last chunk and show nowhere.
+        values: (kinds, rows) float32, see `kernels_free.MOVE`; rows behind `count` fill the last chunk and show
+            nowhere.
         count: of Gaussians.
-        pieces: what is drawn; SH above degree 0 are changed there.
+        functions: how many SH functions move, of every Gaussian.
+        pieces: what is drawn; SH that do not move are changed there.
     """
 
-    def __init__(self, gaussians: Gaussians, units: NDArray, run_jobs: Callable) -> None:
-        """Take (N,) Gaussians, and (N,) lengths in scene units that their means move in; `run_jobs` maps a function
-        over a list, on any number of threads.
+    def __init__(self, gaussians: Gaussians, units: NDArray, run_jobs: Callable, functions: int = 1) -> None:
+        """Begin.
+
+        Args:
+            gaussians: (N,).
+            units: (N,) lengths in scene units that their means move in.
+            run_jobs: maps a function over a list, on any number of threads.
+            functions: SH functions that move: 1, 4 or 9, and no more than there are.
         """
+        self.functions = functions
         self.count, self._start, self._units = len(gaussians.opacities), gaussians, units.astype(np.float32)
         rows = -(-self.count // CHUNK) * CHUNK
-        self.values = np.zeros((VALUES, rows), np.float32)
-        self.values[LOGIT] = -np.inf
+        self.values = np.zeros((values_of(functions), rows), np.float32)
+        self.values[LOGIT], self.values[TURN] = -np.inf, 1
         own = self.values[:, : self.count]
         scales = np.maximum(gaussians.scales, LEAST_SCALE * self._units[:, None])
         opacity = gaussians.opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
-        own[LOG_SCALE:LOGIT] = np.log(scales).T
+        own[LOG_SCALE:TURN] = np.log(scales).T
+        own[TURN:LOGIT] = normalize_quats(gaussians.quats).T
         own[LOGIT] = np.log(opacity / (1 - opacity))
-        own[SH_RED:] = gaussians.sh[:, 0].T
-        turned = quats_to_matrices(normalize_quats(gaussians.quats)).reshape(-1, 9)
-        base = np.concatenate([gaussians.means, turned, self._units[:, None]], axis=1).astype(np.float32)
+        own[SH_RED:] = gaussians.sh[:, :functions].reshape(self.count, -1).T
+        base = np.concatenate([gaussians.means, self._units[:, None]], axis=1).astype(np.float32)
         planes, sh = _by_chunk(base.T), _by_chunk(gaussians.sh.reshape(self.count, -1).T)
         assert planes.shape[1] == BASE
         geometry = np.zeros((len(planes), GEOMETRY, CHUNK), np.float32)
@@ -104,7 +112,8 @@ class FreeGaussians:
         sh = np.concatenate(planes).reshape(-1, *self._start.sh.shape[1:])[: self.count]
         fields: dict[str, Any] = {
             "means": self._start.means + self._units[:, None] * own[MOVE:LOG_SCALE].T,
-            "scales": np.exp(own[LOG_SCALE:LOGIT]).T,
+            "scales": np.exp(own[LOG_SCALE:TURN]).T,
+            "quats": normalize_quats(own[TURN:LOGIT].T),
             "opacities": self.opacities,
             "sh": sh,
         }
@@ -112,19 +121,22 @@ class FreeGaussians:
 
     def kept(self, keep: NDArray) -> FreeGaussians:
         """Those of a mask (N,) bool, as they are now."""
-        return FreeGaussians(self.gaussians().taken(keep), self._units[keep], self._run)
+        return FreeGaussians(self.gaussians().taken(keep), self._units[keep], self._run, self.functions)
 
-    def measure(self, target: Target, *, gradient: NDArray | None = None, weight: float = 1.0) -> PhotoError:
+    def measure(
+        self, target: Target, *, gradient: NDArray | None = None, weight: float = 1.0, structure: float = 0.0
+    ) -> PhotoError:
         """Draw a picture as 3DGS defines and hold it against a target.
 
         Args:
             target: what it should be.
-            gradient: (10, rows) float32 that gradients with respect to `values` are added to, or None.
-            weight: what a unit of |error| counts in `gradient`.
+            gradient: (kinds, rows) float32 that gradients with respect to `values` are added to, or None.
+            weight: what a unit of the loss counts in `gradient`.
+            structure: share of 1 − SSIM in the loss, beside |error|.
         """
         view = View.of(target.camera, self._start.origin, NEAR_PLANE)
         visible = self._run(lambda piece: self._project(piece, view), self.pieces)
-        exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight)))
+        exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure)))
         sought = Sought(target.photo, exposure, np.empty((0, 0, 0), np.float32))
         add_up = None if gradient is None else partial(self._add_up, visible, view, gradient)
         return self._comparer.compare(visible, view, sought, add_up)
@@ -138,9 +150,9 @@ class FreeGaussians:
         rows = slice(piece.rows.start, min(piece.rows.stop, self.count))
         planes = piece.geometry.swapaxes(0, 1).reshape(GEOMETRY, -1)[:, : rows.stop - rows.start]
         nothing = np.zeros((0, 3, 0), np.float32)
-        scales = np.exp(self.values[LOG_SCALE:LOGIT, rows]).T
+        scales, quats = np.exp(self.values[LOG_SCALE:TURN, rows]).T, normalize_quats(self.values[TURN:LOGIT, rows].T)
         means, opacities = planes[MEAN : MEAN + 3], planes[OPACITY]
-        return Block(means, nothing, opacities, nothing, self._start.quats[rows], scales, planes[OWN_PIXEL])
+        return Block(means, nothing, opacities, nothing, quats, scales, planes[OWN_PIXEL])
 
     def _add_up(
         self, visible: Sequence[Visible], view: View, gradient: NDArray, lists: TileLists, pairs: NDArray
@@ -152,7 +164,7 @@ class FreeGaussians:
             values, slopes = self.values[:, piece.rows], gradient[:, piece.rows]
             moved = Moved(piece.rows.start, piece.geometry, nowhere, values, slopes)
             records, seen, ends = self._comparer.buffers.records, visible[number], lists.starts[number]
-            kernels_free.add_up(records, seen, lists.tiles, ends, pairs, moved, piece.base[:, 12], numbers)
+            kernels_free.add_up(records, seen, lists.tiles, ends, pairs, moved, piece.base[:, 3], numbers)
 
         self._run(add, range(len(self.pieces)))
 

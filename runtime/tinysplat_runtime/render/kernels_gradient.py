@@ -137,7 +137,7 @@ def place_looks(looks: NDArray, first: int, geometry: NDArray, sh: NDArray) -> N
     """Give a block's Gaussians the opacities and colours that their values say.
 
     Args:
-        looks: (4, rows) float32: logits, and colours.
+        looks: (1 + n, rows) float32: logits, and the first n planes of `sh`, three or more.
         first, geometry, sh: as `place` has them.
     """
     logits, out, colours = looks[0], geometry.ravel(), sh.ravel()
@@ -145,8 +145,8 @@ def place_looks(looks: NDArray, first: int, geometry: NDArray, sh: NDArray) -> N
         row, to = _I(first + chunk * CHUNK), _I(chunk * GEOMETRY * CHUNK)
         for lane in range(CHUNK):
             out[to + _OPACITY + _I(lane)] = _F(log_sigmoid(np.float64(logits[row + _I(lane)])))
-        for channel in range(3):
-            colour, plane = looks[1 + channel], _I(chunk * sh.shape[1] + channel * CHUNK)
+        for number in range(len(looks) - 1):
+            colour, plane = looks[1 + number], _I(chunk * sh.shape[1] + number * CHUNK)
             for lane in range(CHUNK):
                 colours[plane + _I(lane)] = colour[row + _I(lane)]
 
