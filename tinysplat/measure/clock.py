@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.system.stopwatch import peak_rss_bytes
@@ -36,6 +36,7 @@ LEAST_ROUNDS = 3
 SETTLE_S = 0.03
 """Idle threads of a BLAS spin for about 20 ms after their work; a call begins when they have stopped."""
 
+T = TypeVar("T")
 Times = tuple[float, float]
 """Wall-clock and CPU seconds of one call."""
 
@@ -96,6 +97,12 @@ def timed(run: Callable[[], object]) -> Times:
         return time.perf_counter() - wall, _cpu_seconds() - cpu
     finally:
         gc.enable()
+
+
+def cpu_of(run: Callable[[], T]) -> tuple[T, float]:
+    """What one call gives, and the CPU seconds that it takes."""
+    start = _cpu_seconds()
+    return run(), _cpu_seconds() - start
 
 
 def _cpu_seconds() -> float:

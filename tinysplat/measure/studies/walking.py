@@ -1,12 +1,14 @@
-"""What is a whole capture worth? Every fourth photo is left out and drawn from the others: a few of them, or many.
+"""What is a whole capture worth, and each step that it takes? Every fourth photo is left out and drawn from the others.
 
-Ways: `walk`, so many of the others spread over the capture in one scene, near and far as found from them; `walk, range
-stated`, the same between the depths that the layout states; `refined walk`, the same corrected by these
-photos in as many steps as are usual, where numba is installed; `six spread`, six of 24 of them; `own pair`,
-for every picture a scene of the two taken nearest to it; `nearest photo`, that one itself, shown in its place. A walk
-is coded, and its pictures are drawn from the file too. With `--drawn`, pictures are drawn and judged at another size
-than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is
-the largest change between frames, in medians of the changes about it.
+Ways: `network alone`, so many of the others spread over the capture in one scene, near and far as found from them;
+`walk`, the same once all photos agree on depth; `refined walk`, the same corrected by these photos in as many steps as
+are usual; the latter two where numba is installed. `own pair` is, for every picture, a scene of the two photos taken
+nearest to it, and `nearest photo` that one itself, shown in its place. A walk is coded, and its pictures are drawn from
+the file too; of 24 photos it is also coded more and less finely. With `--drawn`, pictures are drawn and judged at
+another size than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their
+cameras: flicker is the largest change between frames, in medians of the changes about it.
+
+`walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
 """
 
 from __future__ import annotations
@@ -15,30 +17,39 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
 
+from ..clock import cpu_of
 from ..metrics import METRICS
 from ..pictures import rescaled
-from ..rows import Row
+from ..rows import Row, grouped, of_study
+from ..show.plots import Panel, save_grid
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
-from ..subjects.captures import Capture, found_for, spread
+from ..subjects.captures import Capture, found_for
 
-STUDY = "walk"
-REFINED, STATED = "refined walk", "walk, range stated"
+STUDY, SPARED = "walk", "walk spared"
+ALONE, REFINED = "network alone", "refined walk"
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
+
+QPS = (-6, 6, 12)
+"""Q_g of further files, beside 0."""
 
 PATH_FRAMES_A_VIEW, ABOUT = 6, 4
 """Of the path for flicker: frames from photo to photo, and changes on either side that one is held against."""
@@ -57,11 +68,10 @@ def drawn_at(run: Run) -> tuple[int, int]:
 def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     cameras = capture.targets.cameras
     runtime, model = run.runtime, run.models[0]
-
     size = {"drawn": "{1}×{0}".format(*run.options.drawn)} if run.options.drawn else {}
 
-    def row(way: str, photos: int, asked: str, figures: dict[str, float]) -> Row:
-        return Row(STUDY, name, way, {"photos": photos, "asked": asked, "model": model, **size}, figures)
+    def row(way: str, photos: int, asked: int, figures: dict[str, float]) -> Row:
+        return Row(STUDY, name, way, {"photos": photos, "asked": str(asked), "model": model, **size}, figures)
 
     def to_photos(pictures: Iterable[NDArray]) -> dict[str, float]:
         """Means of what pictures are judged by, and the worst picture's dB."""
@@ -72,44 +82,74 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
         return {**means, "worst": min(score["psnr"] for score in scores)}
 
-    def drawn(gaussians: Gaussians) -> dict[str, float]:
-        return to_photos(map(Renderer(gaussians, run.threads).render, cameras))
+    def drawn(gaussians: Gaussians) -> tuple[dict[str, float], float]:
+        """What the pictures are like, and the CPU seconds of one."""
+        pictures, cpu = cpu_of(lambda: list(map(Renderer(gaussians, run.threads).render, cameras)))
+        return to_photos(pictures), cpu / len(cameras)
 
-    def walked(way: str, photos: int, asked: str, gaussians: Gaussians) -> tuple[Row, Gaussians]:
-        """A way with its file."""
-        data = runtime.compress(gaussians, drop_invalid=True)
-        coded = drawn(runtime.decompress(data))
-        more = {"bytes": len(data), **{_coded(figure): value for figure, value in coded.items()}}
-        known_row = row(way, photos, asked, drawn(gaussians))
-        return replace(known_row, figures={**known_row.figures, **more}), gaussians
+    def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> tuple[Row, bytes]:
+        """A way with what its file is like, and the file."""
+        data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True))
+        decoded, decoding = cpu_of(lambda: runtime.decompress(data))
+        pictures, drawing = drawn(decoded)
+        figures = {**known.figures, "bytes": len(data), **{_coded(name): value for name, value in pictures.items()}}
+        costs = {**known.costs, "coding": coding, "decoding": decoding, "drawing": drawing}
+        return replace(known, figures=figures, costs=costs), data
 
-    known: dict[int, list[tuple[Row, Gaussians]]] = {}  # of small captures several counts are all photos
-    for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
-        given, asked = found_for(capture.given(count)), str(count)
-        photos = len(given.frames)
-        if photos not in known:
-            gaussians = runtime.predict(given, model)
-            known[photos] = [walked(STUDY, photos, asked, gaussians)]
-            if photos > FEW and find_spec("numba") is not None:
-                known[photos].append(walked(REFINED, photos, asked, runtime.refine(gaussians, given)))
-        ways = list(known[photos])
-        if count == COMPARED and capture.others.near and capture.others.far:
-            ways.append(walked(STATED, photos, asked, runtime.predict(capture.given(count), model)))
-        for known_row, gaussians in ways:
-            swing = {"flicker": flicker(gaussians, run.threads)} if count == COMPARED or run.quick else {}
-            yield replace(
-                known_row, setting={**known_row.setting, "asked": asked}, figures={**known_row.figures, **swing}
-            )
-    given, compared = found_for(capture.given(COMPARED)), str(COMPARED)
-    yield row("six spread", 6, compared, drawn(runtime.predict(spread(given, 6), model)))
+    def walked(given: Scene, asked: int) -> Iterator[Row]:
+        """Rows of the network's Gaussians and of every step after it."""
+        is_compared, photos = asked == COMPARED or run.quick, len(given.frames)
+        has_steps = photos > FEW and find_spec("numba") is not None
+        gaussians, cpu = cpu_of(lambda: runtime.predict(given, model))
+        steps = [(STUDY, gaussians, cpu)]
+        if has_steps and is_compared:
+            steps.insert(0, (ALONE, *cpu_of(lambda: runtime.predict(given, model, joint=False))))
+        if has_steps:
+            refined, more = cpu_of(lambda: runtime.refine(gaussians, given))
+            steps.append((REFINED, refined, cpu + more))
+        for way, gaussians, cpu in steps:
+            known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
+            done, data = coded(known, gaussians)
+            swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way != ALONE else {}
+            yield replace(done, figures={**done.figures, **swing})
+        if is_compared:
+            yield Row(SPARED, name, "file", {"photos": photos, "model": model}, _spared(capture, data))
+            for qp in QPS:
+                known = replace(known, way=f"{way}, Q_g {qp}")
+                yield coded(known, gaussians, qp)[0]
+
+    rows: dict[int, list[Row]] = {}  # of small captures several counts are all photos
+    for asked in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
+        given = found_for(capture.given(asked))
+        if asked == COMPARED or len(given.frames) not in rows:
+            rows[len(given.frames)] = list(walked(given, asked))
+        for known in rows[len(given.frames)]:
+            yield known if known.study == SPARED else replace(known, setting={**known.setting, "asked": str(asked)})
+    given = found_for(capture.given(COMPARED))
     nearest = [_nearest(given, camera, 2) for camera in cameras]
     pairs = [
         Renderer(runtime.predict(given.views(pair), model), run.threads).render(camera)
         for pair, camera in zip(nearest, cameras, strict=True)
     ]
-    yield row("own pair", 2, compared, to_photos(pairs))
+    yield row("own pair", 2, COMPARED, to_photos(pairs))
     shown = [rescaled(given.frames[pair[0]].image(), *drawn_at(run)) for pair in nearest]
-    yield row("nearest photo", 1, compared, to_photos(shown))
+    yield row("nearest photo", 1, COMPARED, to_photos(shown))
+
+
+def _spared(capture: Capture, data: bytes) -> dict[str, float]:
+    """What a capture does without: photos, planes, colours, and Gaussians behind the surfaces."""
+    file = inspect(data)
+    first, *behind = file["layers"]
+    constant = sum(plane["coding"] == "constant" for plane in file["planes"])
+    return {
+        "photos": len(capture.others.frames),
+        "photos_taken": len(prepared(EncodeRequest(capture.others, size="full")).frames),
+        "planes": len(file["planes"]),
+        "planes_coded": len(file["planes"]) - constant,
+        "colours": 3 * (first["sh_degree"] + 1) ** 2,
+        "colours_coded": first["k"],
+        "behind": sum(layer["gaussians"] for layer in behind) / first["gaussians"],
+    }
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
@@ -135,7 +175,7 @@ def flicker(gaussians: Gaussians, threads: int) -> float:
 def _named(rows: Sequence[Row]) -> str:
     """The way, and of a walk how many photos were asked for."""
     row = rows[0]
-    name = f"{row.way}, {row.setting['asked']}" if row.way in (STUDY, REFINED, STATED) else row.way
+    name = f"{row.way}, {row.setting['asked']}" if row.way.startswith((ALONE, STUDY, REFINED)) else row.way
     return f"{name}, drawn at {row.setting['drawn']}" if "drawn" in row.setting else name
 
 
@@ -176,13 +216,81 @@ _COLUMNS = {
     "flicker": mean("flicker", digits(1)),
 }
 
+_STEPS = {ALONE: "the network", STUDY: "and photos agree on depth", REFINED: "and corrected by photos"}
+
+
+def _is_step(row: Row) -> bool:
+    return row.setting["asked"] == str(COMPARED) and row.way.startswith((*_STEPS, f"{REFINED}, "))
+
+
+def _step(rows: Sequence[Row]) -> str:
+    way, _, qp = rows[0].way.partition(", ")
+    return f"the same at {qp}" if qp else _STEPS[way]
+
+
+def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
+    """dB at photos left out over the seconds of each step, and over the bytes of files of several qualities."""
+    ways = {way: group for (way,), group in grouped(list(filter(_is_step, of_study(rows, STUDY))), "way").items()}
+    if REFINED not in ways:
+        return False
+    over: dict[str, list[tuple[float, float]]] = {"steps": [], "qualities": []}
+    for way, group in ways.items():
+        level, cpu, kilo = (
+            statistics.fmean(row.figures["coded"] for row in group),
+            statistics.fmean(row.costs["cpu"] for row in group),
+            statistics.fmean(row.figures["bytes"] for row in group) / 1000,
+        )
+        if way in _STEPS:
+            over["steps"].append((cpu, level))
+        if way.startswith(REFINED):
+            over["qualities"].append((kilo, level))
+    label = "dB at photos left out"
+    panels = [
+        Panel("each step", "processor seconds", label, {"the network, depth, correction": sorted(over["steps"])}),
+        Panel("coded more finely", "KB of the file", label, {"Q_g 12, 6, 0, −6": sorted(over["qualities"])}),
+    ]
+    save_grid(path, "", [panels])
+    return True
+
+
 WALK = Study(
     "Captures",
     walk_rows,
     {
-        f"{STUDY} summary": Listing(STUDY, _COLUMNS, by=("way", "asked", "drawn")),
+        f"{STUDY} summary": Listing(
+            STUDY, _COLUMNS, by=("way", "asked", "drawn"), wanted=lambda row: ", Q_g" not in row.way
+        ),
+        f"{STUDY} steps": Listing(
+            STUDY,
+            {
+                "": _step,
+                "CPU s": mean("cpu", digits(1), "costs"),
+                "coding": mean("coding", digits(1), "costs"),
+                "decoding": mean("decoding", digits(2), "costs"),
+                "a picture": mean("drawing", digits(2), "costs"),
+                "dB at photos left out": _of_file("psnr", decibels),
+                "worst": _of_file("worst", decibels),
+                "SSIM": _of_file("ssim", digits(3)),
+                "KB": mean("bytes", kilobytes),
+            },
+            by=("way",),
+            wanted=_is_step,
+        ),
+        SPARED: Listing(
+            SPARED,
+            {
+                "scene": said("subject"),
+                "photos": mean("photos", digits(0)),
+                "taken": mean("photos_taken", digits(0)),
+                "planes": mean("planes", digits(0)),
+                "coded": mean("planes_coded", digits(0)),
+                "colours": mean("colours", digits(0)),
+                "kept": mean("colours_coded", digits(0)),
+                "behind": mean("behind", lambda share: f"{share:.0%}"),
+            },
+        ),
         f"{STUDY} scenes": Listing(
-            STUDY, {"scene": said("subject"), **_COLUMNS}, wanted=lambda row: row.way in (STUDY, REFINED)
+            STUDY, {"scene": said("subject"), **_COLUMNS}, wanted=lambda row: row.way in (ALONE, STUDY, REFINED)
         ),
         f"{STUDY} in short": Listing(
             STUDY,
@@ -196,4 +304,5 @@ WALK = Study(
             wanted=lambda row: row.way in _IN_SHORT and row.setting["asked"] == str(COMPARED),
         ),
     },
+    {f"{STUDY} steps": plot_steps},
 )
