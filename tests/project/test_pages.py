@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 PAGES = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "SECURITY.md", "CHANGELOG.md")]
-PAGES += sorted((ROOT / "docs").glob("*.md")) + sorted((ROOT / "docs" / "lab").glob("*.md"))
+PAGES += [ROOT / "docs" / "llms.txt", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 PATH = re.compile(r"`((?:[\w.-]+/)*[\w.{},*-]+\.(?:py|js|md|toml))`")
