@@ -212,7 +212,7 @@ class Runtime:
             qp: see `compress`.
             gaussians: what `predict` made of the scene, if that is at hand: nothing is then chosen, found, scaled or
                 looked at, and the file carries their notes.
-            stats: filled with what coding measured, the mode, and why `auto` came to it.
+            stats: filled with what coding measured, and the mode.
             **options: of `recipe.request.EncodeRequest`, by the names of the command's.
 
         Raises:

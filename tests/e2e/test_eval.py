@@ -13,7 +13,6 @@ from measure.evaluation_scenes import NEAR_WINDOW, WIDE_WINDOW, plane_photo, wri
 from scenes import tells
 
 from tinysplat_runtime.api import DEFAULT_MODEL
-from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 
 OPTIONS = ("--size", "64x48", "--lpips", "none", "--threads", "1")
@@ -109,17 +108,6 @@ def test_two_runs_agree_whatever_their_jobs(scenes, finished, tmp_path):
     assert figures(tmp_path / "results.json") == figures(finished)
 
 
-def test_compare_shows_windows_of_six_views_side_by_side(tmp_path):
-    window = {"kind": "multi", "context": [0, 1, 2, 4, 5, 6], "target": [3]}
-    scene = write_eval_scene(tmp_path / "plane", [window], frames=7)
-    for profile in ("paper", "fast"):
-        run("eval", scene, "-o", tmp_path / profile, "--profile", profile, "--pictures", *OPTIONS, "-q")
-    done = run("compare", tmp_path / "paper", tmp_path / "fast", "-o", tmp_path / "sheets")
-    assert "frame 3" in done.stdout and str(tmp_path / "sheets") in done.stdout
-    pictures = [read_image(path) for path in (tmp_path / "sheets").glob("*.png")]
-    assert max(picture.shape[1] for picture in pictures) > 3 * 64  # photo, A and B at least
-
-
 def test_compare_takes_files_of_gaussians_and_pictures(tmp_path):
     scene = write_eval_scene(tmp_path / "plane")
     raw, coded = tmp_path / "raw.npz", tmp_path / "coded.tsplat"
@@ -127,7 +115,7 @@ def test_compare_takes_files_of_gaussians_and_pictures(tmp_path):
     run("convert", coded, "-o", tmp_path / "c.spz", "-q")
     for a, b, rows in ((raw, coded, 3), (coded, tmp_path / "c.spz", 3), (scene / "0.png", scene / "1.png", 1)):
         run("compare", a, b, "-o", tmp_path / "sheets", "-q")
-        (sheet,) = json.loads((tmp_path / "sheets/comparison.json").read_text())["sheets"]
+        sheet = json.loads((tmp_path / "sheets/comparison.json").read_text())
         assert len(sheet["views"]) == rows and all((tmp_path / "sheets" / name).is_file() for name in sheet["files"])
     said = run("compare", scene / "0.png", coded, status=2).stderr
     assert str(scene / "0.png") in said and str(coded) in said

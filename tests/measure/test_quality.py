@@ -24,16 +24,16 @@ from measure.tiny_runs import shows
 from PIL import Image
 from scenes import make_smooth_gaussians, refusing, tells
 
-from tinysplat.measure.metrics import psnr, ssim
+from tinysplat.measure.metrics import psnr
 from tinysplat.measure.quality import ProfileQp, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
 from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
 from tinysplat.measure.runner import RunOutcome, RunPlan, list_jobs, run_jobs
-from tinysplat.measure.show.sheets import result_sheets
 from tinysplat.measure.studies.quality import QUALITY
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FolderSource, find_sources, read_depth
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.recipe.words import Refinement
 
 SIZE = (HEIGHT, WIDTH)
 CODINGS = (ProfileQp("paper", 0.0), ProfileQp("balanced", 6.0))
@@ -46,12 +46,12 @@ def plan_of(*paths: Path, **options) -> RunPlan:
 
 
 def evaluate(plan: RunPlan, folder: Path, codings=CODINGS, **options) -> RunOutcome:
-    return run_jobs(plan, Quality(codings, folder, **options), RowFile(folder / ROWS))
+    return run_jobs(plan, Quality(codings, **options), RowFile(folder / ROWS))
 
 
 def figures(row: Row) -> dict:
-    """All of a row that two runs must agree on, pictures' names apart."""
-    return {**row.setting, **row.figures, "pictures": None}
+    """All of a row that two runs must agree on."""
+    return {**row.setting, **row.figures}
 
 
 # ---- finding windows ---------------------------------------------------------------------------------------------
@@ -130,15 +130,15 @@ def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory) -> tuple[Path, Path, RunOutcome]:
-    """A scene, the folder of its results, and the results."""
+def measured(tmp_path_factory) -> tuple[Path, RunOutcome]:
+    """A scene and its results."""
     folder = tmp_path_factory.mktemp("measured")
     scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, WIDE_WINDOW], with_depth=True)
-    return scene, folder / "results", evaluate(plan_of(scene), folder / "results", pictures=True)
+    return scene, evaluate(plan_of(scene), folder / "results")
 
 
 def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
-    scene, results, outcome = measured
+    scene, outcome = measured
     wanted = [(kind, coding.profile, coding.qp) for kind in ("near", "wide") for coding in CODINGS]
     assert [tuple(row.setting[name] for name in ("kind", "profile", "qp")) for row in outcome.rows] == wanted
     entry = record(outcome.rows[2])
@@ -148,20 +148,13 @@ def test_figures_are_means_over_images_of_what_the_pictures_show(measured):
     nearest = [plane_photo(0.2 * i).astype(np.float32) / 255 for i in (0, 3)]
     expected = np.mean([psnr(a, b) for a, b in zip(nearest, photos, strict=True)])
     assert entry["psnr_photo"] == pytest.approx(expected, abs=1e-6)
-    kept = results / "pictures" / entry["pictures"]
-    for name, suffix in (("raw", "_raw"), ("decoded", "")):
-        images = [np.asarray(Image.open(kept / f"{n}_{name}.png")).astype(np.float32) / 255 for n in (0, 1)]
-        pairs = list(zip(images, photos, strict=True))
-        # The pictures on disk are rounded to 8 bits, the figures are not.
-        assert entry[f"psnr{suffix}"] == pytest.approx(np.mean([psnr(*p) for p in pairs]), abs=0.05)
-        assert entry[f"ssim{suffix}"] == pytest.approx(np.mean([ssim(*p) for p in pairs]), abs=1e-3)
     views = FolderSource(scene).scene().resized(*SIZE).views((0, 1, 2, 3)).cameras
     shares = [covered_pixels(views[i], [views[0], views[3]], 2.0, 8.0).mean() for i in (1, 2)]
     assert entry["coverage"] == pytest.approx(np.mean(shares), abs=1e-9)
 
 
 def test_a_row_says_what_coding_cost(measured):
-    _, _, outcome = measured
+    _, outcome = measured
     fine, coarse = (record(row) for row in outcome.rows[:2])
     assert fine["bytes"] == sum(fine["bytes_by_class"].values()) + fine["metadata_bytes"] > coarse["bytes"]
     assert fine["psnr_decoded_raw"] > coarse["psnr_decoded_raw"]
@@ -176,7 +169,7 @@ def test_a_row_says_what_coding_cost(measured):
 
 
 def test_a_run_cut_short_or_torn_goes_on_to_the_same_figures(measured, tmp_path):
-    scene, _, outcome = measured
+    scene, outcome = measured
     first = evaluate(plan_of(scene, limit=1), tmp_path, CODINGS[:1])
     with (tmp_path / ROWS).open("a") as file:
         file.write('{"study": "quality", "subj')
@@ -196,7 +189,7 @@ def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_pat
         return evaluate(plan_of(scene), tmp_path / "results", CODINGS[1:], **options).resumed == 0
 
     assert is_new() and not is_new()
-    assert is_new(pictures=True) and not is_new(pictures=True) and not is_new()
+    assert is_new(refine=Refinement(1)) and not is_new()
     os.utime(scene / "3.png", ns=(1, 1))
     assert not is_new()  # a photo that the window does not use
     os.utime(scene / "1.png", ns=(1, 1))
@@ -221,7 +214,7 @@ def changed(row: Row, scene: str, psnr: float) -> Row:
 
 
 def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
-    _, _, outcome = measured
+    _, outcome = measured
     row = outcome.rows[0]
     rows = [changed(row, "a", 30.0), changed(row, "other", 10.0), changed(row, "other", 20.0)]
     ((_, members),) = groups_of(rows)
@@ -231,33 +224,10 @@ def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
 
 
 def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):
-    _, _, outcome = measured
+    _, outcome = measured
     found = json.loads(json.dumps(document(outcome, "none", 1, 1), allow_nan=False))
     keys = {"scene", "kind", "model", "profile", "qp", "height", "width", "views", "context", "targets", "psnr_raw",
             "psnr", "psnr_decoded_raw", "ssim", "ssim_raw", "lpips", "bytes", "seconds"}  # fmt: skip
     assert all(keys <= set(entry) for entry in found["scenes"])
     assert found["mean"]["psnr"] == pytest.approx(np.mean([entry["psnr"] for entry in found["scenes"]]))
     assert len(found["groups"]) == 4 and found["groups"][0]["mean"]["bytes"] == found["scenes"][0]["bytes"]
-
-
-# ---- comparing ---------------------------------------------------------------------------------------------------
-
-
-def write_results(folder: Path, outcome: RunOutcome) -> None:
-    folder.mkdir(exist_ok=True)
-    (folder / "results.json").write_text(json.dumps(document(outcome, "", 1, 1)))
-
-
-def test_folders_without_pictures_or_common_windows_are_refused(measured, tmp_path):
-    _, results, outcome = measured
-    row = outcome.rows[0]
-    bare = [replace(row, figures={**row.figures, "pictures": None})]
-    write_results(tmp_path / "bare", replace(outcome, rows=bare))
-    write_results(tmp_path / "other", replace(outcome, rows=[changed(row, "other", 1.0)]))
-    write_results(results, outcome)
-    with refusing(InputError, f"{tmp_path / 'bare'} --pictures"):
-        result_sheets(results, tmp_path / "bare")
-    with refusing(InputError, f"{results} {tmp_path / 'other'}"):
-        result_sheets(results, tmp_path / "other")
-    with refusing(InputError, f"{tmp_path / 'results.json'}"):
-        result_sheets(results, tmp_path)

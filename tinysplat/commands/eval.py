@@ -85,7 +85,6 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--refine", type=budget, metavar="STEPS|10s", help="correct Gaussians first, as `encode --refine` does"
     )
-    parser.add_argument("--pictures", action="store_true", help="keep the target pictures, for `tinysplat compare`")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
     add_threads(parser)
@@ -132,7 +131,7 @@ def run(args: Namespace) -> None:
         raise InputError("is a file, expected a folder for results", where=args.output)
     folder.mkdir(parents=True, exist_ok=True)
     codings = tuple(ProfileQp(p, q) for p in args.profile for q in args.qp)
-    quality = Quality(codings, folder, lpips, args.pictures, args.refine)
+    quality = Quality(codings, lpips, args.refine)
     threads = args.threads or max(1, available_cores() // args.jobs)
     began, store = time.perf_counter(), RowFile(folder / ROWS)
     outcome = run_jobs(plan, quality, store, threads=threads, processes=args.jobs, quiet=args.quiet)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,14 +23,13 @@ from tinysplat_runtime.gaussian.difference import attribute_errors
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.refine.stats import RefineStats
-from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .metrics import METRICS, depth_errors, plane_errors, psnr
 from .pictures import PictureJudge, PictureMetric, Rendered, photo_psnr
-from .rows import PICTURES, Row, describe_machine, grouped
+from .rows import Row, describe_machine, grouped
 from .runner import RunOutcome, WindowJob
 from .subjects.cases import Case, covered_pixels, nearest_views
 
@@ -44,7 +42,7 @@ DECODE_STAGES = ("parse", "libavcodec", "synthesis")
 _UNKNOWN = dict.fromkeys(
     ("psnr_raw", "psnr", "ssim_raw", "ssim", "flip_raw", "flip", "sharpness_raw", "sharpness", "lpips", "lpips_raw",
      "lpips_decoded_raw", "psnr_photo", "ssim_photo", "lpips_photo", "coverage", "psnr_covered", "psnr_raw_covered",
-     "psnr_photo_covered", "pictures")
+     "psnr_photo_covered")
 )  # fmt: skip
 
 
@@ -62,24 +60,20 @@ class Quality:
 
     Attributes:
         codings: each is done for every window.
-        folder: of pictures.
         lpips: weights, or None.
-        pictures: keep PNG files of the target pictures.
         refine: steps or seconds to correct Gaussians of scene folders for, before all else; None to leave them. Their
             bytes are counted as the first coding's.
         study: what its rows are of.
     """
 
     codings: tuple[ProfileQp, ...]
-    folder: Path
     lpips: LpipsFiles | None = None
-    pictures: bool = False
     refine: Refinement | None = None
     study: str = "quality"
 
     def wanted(self, job: WindowJob) -> list[Row]:
         """See `runner.Work`."""
-        options = [str(self.lpips or ""), self.pictures, str(self.refine)]
+        options = [str(self.lpips or ""), str(self.refine)]
         stamp = job.stamp(*options)
         chosen = {"refine": str(self.refine)} if self.refine else {}
         window = job.window
@@ -102,8 +96,7 @@ class Quality:
         lpips = load_lpips(self.lpips, runtime.threads) if self.lpips else None
         prepared = Prepared.of(job, runtime, self, lpips)
         for row in wanted:
-            folder = self.folder / PICTURES / _safe(f"{row.subject}-{row.way}-{row.stamp}") if self.pictures else None
-            yield _measure_coding(row, prepared, runtime, lpips, folder)
+            yield _measure_coding(row, prepared, runtime, lpips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +154,7 @@ def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime
     return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), told
 
 
-def _measure_coding(
-    row: Row, prepared: Prepared, runtime: Runtime, lpips: PictureMetric | None, folder: Path | None
-) -> Row:
+def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: PictureMetric | None) -> Row:
     """Code, decode, render and compare a prepared window."""
     pictures, stats = prepared.pictures, EncodeStats()
     case = pictures.case
@@ -173,8 +164,6 @@ def _measure_coding(
     per_image = {**prepared.per_image, **_scores(rendered.images, pictures.raw.images, lpips, "_decoded_raw")}
     if case.shots is not None and prepared.covered is not None:
         per_image |= _scores(rendered.images, case.shots.targets.images, lpips, "", prepared.covered)
-    if folder is not None:
-        _write_pictures(folder, pictures, rendered)
     described = inspect_bytes(data)
     camera = case.cameras[0]
     figures = {
@@ -195,8 +184,6 @@ def _measure_coding(
         "per_image": per_image,
         **prepared.shared,
     }
-    if folder is not None:
-        figures["pictures"] = folder.name
     return replace(row, figures=figures, costs={**case.seconds, **stats.watch.seconds, "render": rendered.seconds})
 
 
@@ -227,20 +214,6 @@ def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[st
         if scored:
             scores[name] = {key: float(np.mean([errors[key] for errors in scored])) for key in scored[0]}
     return scores
-
-
-def _write_pictures(folder: Path, pictures: PictureJudge, decoded: Rendered) -> None:
-    """Target pictures as `<n>_photo.png`, `<n>_raw.png`, `<n>_decoded.png`, n counting the window's targets."""
-    folder.mkdir(parents=True, exist_ok=True)
-    sets = {"photo": pictures.case.photos, "raw": pictures.raw.images, "decoded": decoded.images}
-    for name, images in sets.items():
-        for n, image in enumerate(images):
-            if image is not None:
-                write_png(folder / f"{n}_{name}.png", image)
-
-
-def _safe(text: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in text)
 
 
 # ---- condensed ---------------------------------------------------------------------------------------------------
@@ -296,7 +269,7 @@ def mean_of(values: Sequence[Any]) -> Any:
 
 def mean_of_rows(rows: Sequence[Row]) -> JsonObject:
     """Means over rows of every figure and of `seconds`, every row counting once."""
-    skipped = ("per_image", "pictures", "height", "width")
+    skipped = ("per_image", "height", "width")
     averaged = [{**row.figures, "seconds": row.costs} for row in rows]
     return mean_of([{name: value for name, value in entry.items() if name not in skipped} for entry in averaged])
 

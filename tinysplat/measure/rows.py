@@ -32,8 +32,7 @@ from tinysplat_runtime.system.threads import available_cores
 
 ROWS = "rows.jsonl"
 RESULTS = "results.json"
-PICTURES = "pictures"
-"""Of an evaluation's folder: all its figures as one document, and the target pictures."""
+"""Of an evaluation's folder: all its figures as one document."""
 
 _MAX_BYTES = 512 * 1000 * 1000
 _HASH_LENGTH = 16

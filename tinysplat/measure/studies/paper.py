@@ -95,7 +95,7 @@ def paper_rows(run: Run) -> Iterator[Row]:
             kinds = (run.options.kinds or ("near",)) if data == SCENES and views == 2 else ()
             plan = RunPlan(sources, models, size, kinds, (views,), run.options.limit or (1 if run.quick else None))
             qps = (0.0,) if views > 2 or run.quick else tuple(map(float, BITS))
-            work = Quality(tuple(ProfileQp(p, qp) for p in profiles for qp in qps), run.folder, run.lpips, study=STUDY)
+            work = Quality(tuple(ProfileQp(p, qp) for p in profiles for qp in qps), run.lpips, study=STUDY)
             yield from run.done(run_jobs(plan, work, run.store, threads=run.threads, processes=run.options.jobs))
 
 
