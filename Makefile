@@ -56,12 +56,12 @@ format: $(VENV)/.installed  ## rewrite in the project's style
 	$(VENV)/bin/ruff format .
 
 export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
-	$(VENV)/bin/python export/transforms.py
-	$(VENV)/bin/python export/enlarge.py
-	$(VENV)/bin/python export/network.py sweep
-	$(VENV)/bin/python export/network.py edge --half-weights
-	$(VENV)/bin/python export/optimised.py edge
-	$(VENV)/bin/python export/stages.py
+	$(VENV)/bin/python -m export.transforms
+	$(VENV)/bin/python -m export.enlarge
+	$(VENV)/bin/python -m export.network sweep
+	$(VENV)/bin/python -m export.network edge --half-weights
+	$(VENV)/bin/python -m export.optimised edge
+	$(VENV)/bin/python -m export.stages
 
 reference: $(VENV)/.installed  ## docs/CLI.md and docs/API.md anew, of parsers and docstrings
 	$(VENV)/bin/python docs/reference.py

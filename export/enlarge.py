@@ -1,6 +1,6 @@
 """Export `enlarge` to models/enlarge.onnx, check it against torch, and enter it in the manifest.
 
-python export/enlarge.py
+python -m export.enlarge
 """
 
 from __future__ import annotations
@@ -8,10 +8,7 @@ from __future__ import annotations
 import warnings
 from itertools import starmap
 
-import extra  # noqa: F401  (first: names what is missing)
 import torch
-from difference import parity
-from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import Tensor
 from torch.export import Dim
 
@@ -19,6 +16,9 @@ from tinysplat.networks import export_support as official
 from tinysplat.networks.enlarge import HALO, OUTPUT_NAMES, Enlarge
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
+
+from .difference import parity
+from .manifest import MODELS, OPSET, register, stamp
 
 PAPERS = {
     "licence": "Apache-2.0",

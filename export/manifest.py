@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import onnx
 
+from tinysplat_runtime.graphs.inference import CONTRACT_VERSION
+from tinysplat_runtime.system.jsonfields import JsonObject
+
 ROOT = Path(__file__).resolve().parents[1]
-for _folder in (ROOT, ROOT / "runtime"):
-    if str(_folder) not in sys.path:
-        sys.path.insert(0, str(_folder))
-
-from tinysplat_runtime.graphs.inference import CONTRACT_VERSION  # noqa: E402
-from tinysplat_runtime.system.jsonfields import JsonObject  # noqa: E402
-
 MODELS = ROOT / "models"
 MAX_IR_VERSION = 10  # what every onnxruntime that is allowed reads
 OPSET = 18

@@ -1,8 +1,8 @@
 """Export a network to models/NAME.onnx, check it against torch, and enter it in the manifest.
 
-    python export/network.py sweep [-o models/sweep.onnx]
-    python export/network.py edge [--checkpoint DIR/edge.pt]
-    python export/network.py mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights]
+    python -m export.network sweep [-o models/sweep.onnx]
+    python -m export.network edge [--checkpoint DIR/edge.pt]
+    python -m export.network mvsplat --checkpoint re10k.ckpt -o mvsplat.onnx [--half-weights]
 
 A new network is an entry in `NETWORKS`: how to build it, and what its artifact says about itself.
 Written outside models/, the file is complete but not listed; `--model FILE.onnx` takes it.
@@ -19,10 +19,6 @@ from dataclasses import asdict, dataclass, replace
 from itertools import starmap
 from pathlib import Path
 
-import extra  # noqa: F401  (first: names what is missing)
-from difference import parity
-from inputs import INPUT_AXES, INPUT_RANGES, example_inputs
-from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
 from torch import nn
 from torch.export import Dim
 
@@ -36,6 +32,10 @@ from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
 from tinysplat_runtime.graphs.predict import NetworkLimits
 from tinysplat_runtime.system.progress import working
+
+from .difference import parity
+from .inputs import INPUT_AXES, INPUT_RANGES, example_inputs
+from .manifest import MODELS, OPSET, register, stamp
 
 TRAINED_EDGE = MODELS / "training" / "edge.pt"
 """The training run that the shipped weights of `edge` are from."""

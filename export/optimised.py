@@ -1,6 +1,6 @@
 """Store what onnxruntime makes of a network's graph when it opens it, so that it opens in about half the time.
 
-    python export/optimised.py edge
+    python -m export.optimised edge
 
 Writes models/NAME.optimised.onnx beside models/NAME.onnx, by which files of photos go on naming the network, and enters
 it in the manifest. Its operators are onnxruntime's own where it joins some, but bind no processor.
@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 import onnx
 import onnxruntime
-from inputs import example_inputs
-from manifest import MODELS  # this folder is first on the path of a script
 
 from tinysplat_runtime.graphs.artifacts import MANIFEST, find_artifact
 from tinysplat_runtime.graphs.inference import open_graph
+
+from .inputs import example_inputs
+from .manifest import MODELS
 
 SIZES = ((2, 64, 96), (3, 96, 64))
 """Of photos on which both graphs have to compute the same."""

@@ -1,6 +1,6 @@
 """Export the stages of `edge`, photo by photo, to models/edge_STAGE.onnx, and enter them in the manifest.
 
-python export/stages.py [STAGE …]
+python -m export.stages [STAGE …]
 """
 
 from __future__ import annotations
@@ -11,12 +11,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-import extra  # noqa: F401  (first: names what is missing)
 import torch
-from difference import parity
-from inputs import example_inputs
-from manifest import MODELS, OPSET, register, stamp  # this folder is first on the path of a script
-from network import HALF_TOLERANCE, TRAINED_EDGE
 from torch import Tensor
 from torch.export import Dim
 
@@ -28,6 +23,11 @@ from tinysplat_runtime.errors import NumericError, TinySplatError
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import open_graph
 from tinysplat_runtime.system.progress import working
+
+from .difference import parity
+from .inputs import example_inputs
+from .manifest import MODELS, OPSET, register, stamp
+from .network import HALF_TOLERANCE, TRAINED_EDGE
 
 SIZES = ((4, 64, 96), (2, 96, 64), (5, 64, 64))
 """Views, height and width at which torch and ONNX are compared; the first is traced."""

@@ -1,6 +1,6 @@
 """Export VPT, VABR and their inverses to models/*.onnx and check each graph against its torch twin.
 
-python export/transforms.py
+python -m export.transforms
 """
 
 from __future__ import annotations
@@ -10,10 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import extra  # noqa: F401  (first: names what is missing)
 import torch
-from difference import parity
-from manifest import MODELS, OPSET, add_metadata, register  # this folder is first on the path of a script
 from torch import Tensor, nn
 
 from tinysplat import transforms as T
@@ -21,6 +18,9 @@ from tinysplat.networks.algebra import quats_to_matrices
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import CONTRACTS, open_graph
 from tinysplat_runtime.system.progress import working
+
+from .difference import parity
+from .manifest import MODELS, OPSET, add_metadata, register
 
 LICENCE = "Apache-2.0"
 PARITY_RTOL = 1e-5  # summation order alone moves the projections by a few ulp

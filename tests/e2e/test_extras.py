@@ -62,9 +62,9 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
     "torch": [("torch", ("module", "tinysplat.gsplat_tensors"))],
     "train": [("torch", ("module", "tinysplat.training", "c.toml", "--out", "out"))],
     "export": [
-        ("onnx", ("script", "export/network.py", "sweep")),
-        ("torch", ("script", "export/transforms.py")),
-        ("onnxscript", ("script", "export/network.py", "edge")),
+        ("onnx", ("module", "export.network", "sweep")),
+        ("torch", ("module", "export.transforms")),
+        ("onnxscript", ("module", "export.network", "edge")),
     ],
 }
 """Missing package, and what is run without it."""

@@ -15,8 +15,6 @@ from golden.official.networks import deterministic_network
 
 from tinysplat.networks import DepthSplat, MVSplat
 
-EXPORT = Path(__file__).resolve().parents[2] / "export"
-
 
 def shallow_network(model: str) -> MVSplat | DepthSplat:
     """One plain and one shifted transformer layer; four ViT blocks, each handing out its tokens."""
@@ -31,8 +29,7 @@ def shallow_network(model: str) -> MVSplat | DepthSplat:
 
 def main(model: str, path: str) -> None:
     """Write a model's artifact as `export/network.py` would."""
-    sys.path.insert(0, str(EXPORT))  # a folder of scripts, which import their neighbours
-    from network import official_network, write_graph
+    from export.network import official_network, write_graph
 
     papers = {"licence": "none", "provenance": "deterministic weights"}
     write_graph(official_network(shallow_network(model), papers), Path(path))

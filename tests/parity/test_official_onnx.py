@@ -73,7 +73,7 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def export_command(*arguments: object) -> list[str]:
-    return [sys.executable, str(ROOT / "export" / "network.py"), *map(str, arguments)]
+    return [sys.executable, "-m", "export.network", *map(str, arguments)]
 
 
 def example(views: int, height: int, width: int, seed: int = 0) -> dict[str, NDArray]:
@@ -209,8 +209,8 @@ def test_each_photo_gets_its_own_gaussians(exported: Exported, tmp_path: Path) -
 @pytest.mark.slow
 def test_export_refuses_another_networks_checkpoint_in_one_line(tmp_path: Path) -> None:
     write_checkpoint("mvsplat_re10k", tmp_path / "mvsplat.ckpt")
-    command = export_command("depthsplat-small", "--checkpoint", "mvsplat.ckpt", "-o", "x.onnx")
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    command = export_command("depthsplat-small", "--checkpoint", tmp_path / "mvsplat.ckpt", "-o", tmp_path / "x.onnx")
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert tells(done.stderr, "mvsplat.ckpt: holds mvsplat (re10k), expected depthsplat-small")
     assert not (tmp_path / "x.onnx").exists()
@@ -222,7 +222,7 @@ def test_artifact_of_the_command_matches_torch_and_the_official_implementation(m
     checkpoint, path = tmp_path / f"{model}.ckpt", tmp_path / f"{model}.onnx"
     write_checkpoint(model, checkpoint)
     command = export_command(network_name(model)[0], "--checkpoint", checkpoint, "-o", path)
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     graph = open_graph(Artifact(model, path), "network")
     assert "SHA-256" in graph.metadata["provenance"]

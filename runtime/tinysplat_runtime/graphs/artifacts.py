@@ -118,7 +118,7 @@ def find_artifact(name: str, role: str, folder: str | os.PathLike[str] | None = 
         ModelError: there is no such artifact, or it has another role.
     """
     if name.endswith(CHECKPOINTS):
-        fault = "a checkpoint, expected an .onnx file: `python export/network.py` makes one of it (docs/MODELS.md)"
+        fault = "a checkpoint, expected an .onnx file: `python -m export.network` makes one of it (docs/MODELS.md)"
         raise ModelError(fault, where=name)
     if name.endswith((".onnx", ".ort")) or os.sep in name:
         path = Path(name)

@@ -1,4 +1,4 @@
-"""Imported before all else by the scripts of this folder: one line where a package of the extra `export` is missing."""
+"""Commands that write models/, run in a checkout: `python -m export.network edge`. A missing package is one line."""
 
 from __future__ import annotations
 
