@@ -12,8 +12,8 @@ from measure.tiny_runs import rows_of, tiny_run
 from scenes import refusing, tells
 
 from tinysplat.commands.bench import measure_studies, split_words
+from tinysplat.measure.pages import write_report
 from tinysplat.measure.rows import Row, read_rows
-from tinysplat.measure.show.pages import write_report
 from tinysplat.measure.studies import ORDINARY, STUDIES
 from tinysplat.measure.studies.growth import capture_rows, cloud_rows, photo_rows
 from tinysplat_runtime.errors import InputError

@@ -11,8 +11,9 @@ import pytest
 from measure.tiny_runs import shows
 from scenes import refusing
 
-from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, git
-from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, filled, pages
+from tinysplat.measure.machine import changed_since, git
+from tinysplat.measure.pages import agreement, commits_of_rows, fill_pages, filled, pages
+from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.studies import STUDIES, find_study
 from tinysplat_runtime.errors import InputError
 

@@ -9,8 +9,9 @@ from dataclasses import fields
 from pathlib import Path
 
 from tinysplat.datasets import SPECS
-from tinysplat.measure.rows import ROWS, Row, RowFile, changed_since, read_rows, run_row
-from tinysplat.measure.show.pages import agreement, commits_of_rows, fill_pages, write_report
+from tinysplat.measure.machine import changed_since, run_row
+from tinysplat.measure.pages import agreement, commits_of_rows, fill_pages, write_report
+from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import BACKBONE_FILES, find_lpips
+from tinysplat.measure.machine import run_row
 from tinysplat.measure.quality import ProfileQp, Quality, document
-from tinysplat.measure.rows import RESULTS, ROWS, RowFile, run_row
+from tinysplat.measure.rows import RESULTS, ROWS, RowFile
 from tinysplat.measure.runner import RunOutcome, RunPlan, run_jobs
 from tinysplat.measure.show.tables import within
 from tinysplat.measure.studies.quality import results_text

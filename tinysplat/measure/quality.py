@@ -27,9 +27,10 @@ from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
+from .machine import describe_machine
 from .metrics import METRICS, depth_errors, plane_errors, psnr
 from .pictures import PictureJudge, PictureMetric, Rendered, photo_psnr
-from .rows import Row, describe_machine, grouped
+from .rows import Row, grouped
 from .runner import RunOutcome, WindowJob
 from .subjects.cases import Case, covered_pixels, nearest_views
 

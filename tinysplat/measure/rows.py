@@ -6,16 +6,10 @@ rows stand in the file the moment they are measured.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import importlib.metadata
 import json
 import math
-import os
-import platform
-import re
-import subprocess
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
@@ -23,12 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import tinysplat_runtime
-from tinysplat_runtime import __version__
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.system.files import StrPath, read_limited
 from tinysplat_runtime.system.jsonfields import JsonObject
-from tinysplat_runtime.system.threads import available_cores
 
 ROWS = "rows.jsonl"
 RESULTS = "results.json"
@@ -181,7 +173,7 @@ def code_fingerprint() -> str:
 def code_files() -> list[Path]:
     """The modules that figures depend on."""
     runtime, here = Path(str(tinysplat_runtime.__file__)).parent, Path(__file__).parent
-    measuring = [path for path in here.rglob("*.py") if path.parent.name != "show"]
+    measuring = [path for path in here.rglob("*.py") if path.parent.name != "show" and path.name != "pages.py"]
     return sorted([*runtime.rglob("*.py"), *here.parent.glob("datasets/*.py"), *measuring])
 
 
@@ -223,83 +215,3 @@ def _numbers(value: Any) -> Any:
     if isinstance(value, list):
         return [_numbers(item) for item in value]
     return float(value) if value in ("inf", "-inf", "nan") else value
-
-
-# ---- what a run was made on: without it, a time is no figure -------------------------------------------------------
-
-RUN = "run"
-"""`Row.study` of the row that says what a run was made on."""
-
-PACKAGES = ("numpy", "onnxruntime", "av", "torch", "numba", "gsplat", "gaussforge", "zstandard")
-"""Packages whose version a figure may depend on; those that are not installed are left out."""
-
-_SHOWN = ("runtime/tinysplat_runtime/cli", "runtime/tinysplat_runtime/page", "runtime/tinysplat_runtime/web")
-DEPENDED_ON = ("runtime", "tinysplat", "models", *(f":!{folder}" for folder in (*_SHOWN, "tinysplat/measure/show")))
-"""Of a checkout, what figures depend on, as git's pathspecs: all code but what asks and what shows."""
-
-_VECTOR_FLAGS = ("avx2", "avx512f", "avx512_vnni", "amx_tile", "asimd", "sve")
-
-
-def describe_machine() -> JsonObject:
-    """Processor, memory, load and versions, JSON-ready."""
-    import av
-
-    cpu, flags, memory = platform.processor() or platform.machine(), "", None
-    with contextlib.suppress(OSError):  # not on Linux
-        described: dict[str, str] = dict(
-            re.findall(r"^(.+?)\s*: (.*)$", Path("/proc/cpuinfo").read_text("utf-8", "replace"), re.MULTILINE)
-        )
-        cpu = described.get("model name", cpu).strip()
-        flags = described.get("flags") or described.get("Features") or ""
-        memory = 1024 * int(Path("/proc/meminfo").read_text("utf-8").split()[1])  # MemTotal comes first
-    installed = {}
-    for name in PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            installed[name] = importlib.metadata.version(name)
-    return {
-        "time": time.strftime("%Y-%m-%d %H:%M %Z"),
-        "cpu": cpu,
-        "vector_extensions": [flag for flag in _VECTOR_FLAGS if flag in flags.split()],
-        "cores": available_cores(),
-        "cores_of_machine": os.cpu_count(),
-        "memory_bytes": memory,
-        "load_average": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "tinysplat": __version__,
-        "commit": commit(),
-        **installed,
-        "libavcodec": ".".join(map(str, av.library_versions["libavcodec"])),
-    }
-
-
-def run_row(way: str, began: float, **setting: object) -> Row:
-    """What a run was made on, which began at `time.perf_counter() == began`."""
-    machine = describe_machine()
-    return Row(RUN, machine["time"], way, setting, machine, {"seconds": time.perf_counter() - began})
-
-
-def commit() -> str | None:
-    """The commit of the checkout that this file lies in, `+` behind it where files differ from it."""
-    folder = Path(__file__).resolve().parents[2]
-    try:
-        if Path(git(folder, "rev-parse", "--show-toplevel")).resolve() != folder:
-            return None
-        changed = git(folder, "status", "--porcelain", "--untracked-files=no", "--", *DEPENDED_ON)
-        return git(folder, "rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
-    except (OSError, subprocess.SubprocessError):
-        return None
-
-
-def changed_since(commit: str, folder: Path) -> list[str] | None:
-    """Files of the checkout `folder` that figures depend on and that differ from a commit's; None if it is unknown."""
-    try:
-        return git(folder, "diff", "--name-only", commit, "--", *DEPENDED_ON).splitlines()
-    except (OSError, subprocess.SubprocessError):
-        return None
-
-
-def git(folder: Path, *words: str) -> str:
-    """What git says; CalledProcessError where it refuses."""
-    command = ["git", "-C", str(folder), *words]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()

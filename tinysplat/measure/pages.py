@@ -30,8 +30,9 @@ from typing import Any
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import write_atomically
 
-from ..rows import ROWS, RUN, Row, read_rows
-from ..studies import STUDIES, find_study
+from .machine import RUN
+from .rows import ROWS, Row, read_rows
+from .studies import STUDIES, find_study
 
 REPORT_MD = "report.md"
 REPORTS = Path("benchmarks", "reports")
