@@ -206,3 +206,18 @@ def test_a_weights_file_that_was_named_must_exist(tmp_path):
         find_lpips("vgg", backbone=tmp_path / "missing.pth")
     with refusing(InputError, "'squeeze' vgg, alex"):
         find_lpips("squeeze")
+
+
+def test_pixels_whose_reference_is_nan_do_not_count() -> None:
+    rng = np.random.default_rng(0)
+    reference = rng.uniform(0.2, 0.8, (40, 30, 3))
+    image = reference + 0.05 * rng.normal(size=reference.shape)
+    left_out = reference.copy()
+    left_out[:, 15:] = np.nan
+    spoilt = image.copy()
+    spoilt[:, 15:] = rng.uniform(size=spoilt[:, 15:].shape)
+    for name, metric in METRICS.items():
+        assert metric(image, left_out) == pytest.approx(metric(image[:, :15], reference[:, :15]), rel=0.1), name
+        if name in ("psnr", "sharpness"):
+            assert metric(spoilt, left_out) == metric(image, left_out), name
+    assert np.isnan(psnr(image, np.full_like(reference, np.nan)))

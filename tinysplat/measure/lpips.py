@@ -136,7 +136,7 @@ class Lpips:
             place += 2
 
     def __call__(self, image: NDArray, reference: NDArray) -> float:
-        """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped.
+        """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped, NaN of the reference are alike.
 
         Raises:
             InputError: shapes differ, or pictures are too small for the net.
@@ -148,6 +148,7 @@ class Lpips:
             raise InputError(
                 f"{shapes[0]} and {shapes[1]}, expected two equal (H, W, 3), sides ≥ {least}", where="image"
             )
+        reference = np.where(np.isnan(reference), image, reference)
         pair = torch.from_numpy(np.stack([np.clip(p, 0, 1, dtype=np.float32) for p in (image, reference)]))
         shift, scale = (torch.tensor(v)[:, None, None] for v in (_SHIFT, _SCALE))
         x = (pair.permute(0, 3, 1, 2) * 2 - 1 - shift) / scale  # (2, 3, H, W)

@@ -13,6 +13,9 @@ definitions of the evaluations that the paper quotes (pixelSplat, MVSplat, Depth
 Sharpness is how much of a photo's detail a picture shows, which PSNR and SSIM hardly see: their errors are least where
 detail that lies a pixel beside is blurred.
 
+Pixels whose reference is NaN do not count: what a photo's mask leaves out. In windows that reach into them the picture
+is as the reference is.
+
 LPIPS needs torch and weights and stands in `measure.lpips`.
 """
 
@@ -53,10 +56,10 @@ def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> flo
     Raises:
         InputError: shapes differ.
     """
-    image, reference = _pictures(image, reference)
+    image, reference, counts = _pictures(image, reference)
     squared = (image - reference) ** 2
-    if mask is not None:
-        squared = squared[mask]
+    if mask is not None or not counts.all():
+        squared = squared[counts if mask is None else counts & mask]
     if squared.size == 0:
         return math.nan
     return decibels(float(squared.mean(dtype=np.float64)))
@@ -74,12 +77,15 @@ def ssim(image: NDArray, reference: NDArray) -> float:
     """
     from skimage.metrics import structural_similarity
 
-    x, y = _pictures(image, reference)
+    x, y, counts = _pictures(image, reference)
     if min(x.shape[:2]) < SSIM_WINDOW:
         raise InputError(f"{x.shape[1]}x{x.shape[0]} pixels, expected sides of {SSIM_WINDOW} or more", where="image")
-    return float(
-        structural_similarity(x, y, win_size=SSIM_WINDOW, gaussian_weights=True, data_range=1, channel_axis=-1)
-    )
+    measures = {"win_size": SSIM_WINDOW, "gaussian_weights": True, "data_range": 1, "channel_axis": -1}
+    if counts.all():
+        return float(structural_similarity(x, y, **measures))
+    border = np.s_[SSIM_WINDOW // 2 : -(SSIM_WINDOW // 2)]
+    values = structural_similarity(x, y, full=True, **measures)[1][border, border]
+    return _mean(values, counts[border, border])
 
 
 def flip(image: NDArray, reference: NDArray) -> float:
@@ -90,8 +96,9 @@ def flip(image: NDArray, reference: NDArray) -> float:
     """
     from flip_evaluator import evaluate
 
-    x, y = (picture.astype(np.float32) for picture in _pictures(image, reference))
-    return float(evaluate(y, x, "LDR", applyMagma=False)[1])
+    x, y, counts = _pictures(image, reference)
+    errors, mean, _ = evaluate(y.astype(np.float32), x.astype(np.float32), "LDR", applyMagma=False)
+    return float(mean) if counts.all() else _mean(errors, counts)
 
 
 def sharpness(image: NDArray, reference: NDArray) -> float:
@@ -103,12 +110,20 @@ def sharpness(image: NDArray, reference: NDArray) -> float:
     Raises:
         InputError: shapes differ.
     """
-    shown, wanted = map(_steepness, _pictures(image, reference))
+    *pictures, counts = _pictures(image, reference)
+    counts = counts[1:, 1:] & counts[:-1, 1:] & counts[1:, :-1]
+    shown, wanted = (_steepness(picture, counts) for picture in pictures)
     return shown / wanted if wanted else math.nan
 
 
-def _steepness(picture: NDArray) -> float:
-    return float(np.hypot(np.diff(picture, axis=0)[:, 1:], np.diff(picture, axis=1)[1:]).mean())
+def _steepness(picture: NDArray, counts: NDArray) -> float:
+    lengths = np.hypot(np.diff(picture, axis=0)[:, 1:], np.diff(picture, axis=1)[1:])
+    return float(lengths.mean()) if counts.all() else _mean(lengths, counts)
+
+
+def _mean(values: NDArray, counts: NDArray) -> float:
+    """Over pixels that count; NaN where none does."""
+    return float(values[counts].mean()) if counts.any() else math.nan
 
 
 METRICS: Mapping[str, Callable[[NDArray, NDArray], float]] = {
@@ -184,8 +199,11 @@ def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> 
     return {name: spread(parts) for name, parts in errors.items()}
 
 
-def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray]:
+def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Both as (H, W, 3) float64 in [0, 1], and (H, W) bool, which pixels count; the others are alike."""
     image, reference = np.asarray(image), np.asarray(reference)
     if image.shape != reference.shape or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise InputError(f"shapes {image.shape} and {reference.shape}, expected two equal (H, W, 3)", where="image")
-    return np.clip(image, 0, 1, dtype=np.float64), np.clip(reference, 0, 1, dtype=np.float64)
+    shown, wanted = np.clip(image, 0, 1, dtype=np.float64), np.clip(reference, 0, 1, dtype=np.float64)
+    counts = ~np.isnan(wanted[..., 0])
+    return (shown, wanted, counts) if counts.all() else (shown, np.where(counts[..., None], wanted, shown), counts)

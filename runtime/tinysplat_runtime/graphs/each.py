@@ -20,6 +20,7 @@ from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..scene.images import doubled
 from ..scene.neighbours import Group, view_places
+from ..scene.scenes import Frame
 from ..system import disk
 from ..system.told import NOBODY, Told
 from .exposure import Exposures, Pair, one_exposure
@@ -43,6 +44,7 @@ def predict_each(
     groups: Sequence[Group],
     told: Told = NOBODY,
     run_jobs: Callable | None = None,
+    frames: Sequence[Frame] = (),
 ) -> Gaussians:
     """As `walk.predict_groups`, by the stages of a network.
 
@@ -55,6 +57,7 @@ def predict_each(
         told: is told of each photo, once its depth is found and once it is done.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does, for the step in which photos
             agree on depth; None leaves that out.
+        frames: what says which pixels of the photos count; none where all do.
 
     Raises:
         InputError, NumericError, ModelError: as `predict.predict`.
@@ -71,7 +74,7 @@ def predict_each(
     for view in told.progress("depth", order):
         capture.estimated(view)
     if run_jobs is not None:
-        capture.agree(run_jobs, told)
+        capture.agree(run_jobs, frames, told)
     alone = [Group((v,), (v,)) for v in order]
     return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), told)
 
@@ -147,9 +150,9 @@ class _Capture:
             **{name: self.estimates[name][view] for name in ("features", "coarse_features", "full", "clues")},
         )
 
-    def agree(self, run_jobs: Callable, told: Told) -> None:
+    def agree(self, run_jobs: Callable, frames: Sequence[Frame], told: Told) -> None:
         """Correct depths of all photos, of which every one is estimated, until they agree."""
-        from .joint import joint_depth  # needs numba
+        from .joint import joint_depth, marks_of  # needs numba
 
         camera, levels = self.cameras[0], self.estimates["level"]
         views, _, _, *padded_to = levels.shape
@@ -160,9 +163,10 @@ class _Capture:
         for v in range(views):
             inverse[v] = offset[v] + span[v] * levels[v, 0, 0, :height, :width]
             colours[v] = _means(self.images[v : v + 1], 2)[0, :, :height, :width].transpose(1, 2, 0)
+        marks = marks_of(frames, height, width)
         size = np.array([[padded_to[1]], [padded_to[0]], [1.0]])
         Ks = np.stack(self.units).astype(np.float64) * size
-        found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs, told)
+        found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs, told, marks)
         rest = [(0, padded_to[0] - height), (0, padded_to[1] - width)]
         for v in range(views):
             maps = np.pad(found[v], rest, mode="edge")

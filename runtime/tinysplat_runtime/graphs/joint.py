@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
 from ..scene.neighbours import Neighbours
+from ..scene.scenes import Frame
 from ..system import disk
 from ..system.told import NOBODY, Told
 from .kernels_joint import medians, put, search
@@ -59,6 +60,7 @@ def joint_depth(
     far: float,
     run_jobs: Callable,
     told: Told = NOBODY,
+    marks: NDArray | None = None,
 ) -> NDArray:
     """Correct the inverse depths of a capture's photos.
 
@@ -70,6 +72,7 @@ def joint_depth(
         near, far: depths between which the scene lies, scene units.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does.
         told: is told of each pass.
+        marks: (V, h, w) of `marks_of`; None where all pixels count.
 
     Returns:
         (V, h, w) float32; photos without a partner as they were.
@@ -84,8 +87,12 @@ def joint_depth(
     planes, found = disk.zeros((len(views), 3, *inverse.shape[1:])), disk.zeros(inverse.shape)
 
     def start(v: int) -> None:
-        found[v] = inverse[v]
         planes[v] = _sloped(inverse[v])
+        show(v)
+
+    def show(v: int) -> None:
+        """What a photo has found becomes what others are held against."""
+        found[v] = planes[v, 0] if marks is None else np.where(np.isnan(marks[v]), planes[v, 0], marks[v])
 
     def improve(v: int) -> None:
         low, high = max(float(inverse[v].min()) * BELOW, 0.3 / far), float(inverse[v].max()) * ABOVE
@@ -93,19 +100,39 @@ def joint_depth(
 
     def settle(v: int) -> None:
         """The better of what was found and what the network says becomes a photo's."""
-        none = np.zeros((0, *inverse.shape[1:]), np.float32)
+        none, own = np.zeros((0, *inverse.shape[1:]), np.float32), planes[v, 0].copy()
         now, before = (
-            beside[v].search(colours, found, inverse[v], _sloped(maps), none, 0, 1) for maps in (found[v], inverse[v])
+            beside[v].search(colours, found, inverse[v], _sloped(maps), none, 0, 1) for maps in (own, inverse[v])
         )
-        medians(np.where(before - now < margin, inverse[v], found[v]), CLEAN, planes[v, 0])
+        medians(np.where(before - now < margin, inverse[v], own), CLEAN, planes[v, 0])
 
     run_jobs(start, views)
     for _ in told.progress("depth of all", range(passes)):
         run_jobs(improve, matched)
         for v in matched:
-            found[v] = planes[v, 0]
+            show(v)
     run_jobs(settle, matched)
     return planes[:, 0]
+
+
+def marks_of(frames: Sequence[Frame], height: int, width: int) -> NDArray | None:
+    """What pixels of maps at half of the photos' size are held to be in place of what is found there.
+
+    Returns:
+        (V, height, width) float32: NaN where anything may be; 0, infinitely far, where a mask says that nothing is; −1,
+        which no other photo is held against, where something moves. None where all pixels count.
+    """
+    marks = None
+    for v, frame in enumerate(frames):
+        if (known := frame.known()) is None:
+            continue
+        if marks is None:
+            marks = disk.zeros((len(frames), height, width))
+            marks[:] = np.nan
+        half = np.pad(known, ((0, 2 * height - len(known)), (0, 2 * width - known.shape[1])), mode="edge")
+        is_whole = half.reshape(height, 2, width, 2).all(axis=(1, 3))
+        marks[v][~is_whole] = 0 if frame.is_on_background else -1
+    return marks
 
 
 @dataclass(frozen=True, eq=False)

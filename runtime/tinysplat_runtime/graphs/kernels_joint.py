@@ -115,10 +115,11 @@ def _source_cost(
     pixel: tuple[int, int, int, int], own: tuple[Number, Number, Number], window: NDArray,
     seen: tuple[Number, Number, Number],
 ) -> Number:  # fmt: skip
-    """What a plane costs in one source: 1 − NCC, colours and depth apart; negative where it lies outside its frame.
+    """What a plane costs in one source: 1 − NCC, colours and depth apart; negative where it lies outside its frame, or
+    where the source knows nothing.
 
     Args:
-        grey, colours, inverse: of the source: (h·w,), (h·w·3,), (h·w,) inverse depths.
+        grey, colours, inverse: of the source: (h·w,), (h·w·3,), (h·w,) inverse depths, negative where it knows nothing.
         A, b: a pixel p = (x, y, 1) of inverse depth w lies at A·p + w·b.
         plane: at the pixel.
         pixel: x, y, width, height.
@@ -141,6 +142,11 @@ def _source_cost(
     u, v = (h00 * across + h01 * down + h02) / z, (h10 * across + h11 * down + h12) / z
     if not (u >= _HALF and v >= _HALF and u <= _F(width) - _HALF and v <= _F(height) - _HALF):
         return -_ONE
+    row: Number = min(_I(v), height - 1)
+    column: Number = min(_I(u), width - 1)
+    its_depth = inverse[row * width + column]
+    if its_depth < _ZERO:
+        return -_ONE
     ux, uy = (h00 - u * h20) / z, (h01 - u * h21) / z  # the homography is affine about the middle, near enough
     vx, vy = (h10 - v * h20) / z, (h11 - v * h21) / z
     most_x, most_y = _F(width) - _F(1.001), _F(height) - _F(1.001)
@@ -161,8 +167,8 @@ def _source_cost(
     its = sum_ / total
     spread = max(squares / total - its * its, _ZERO)
     likeness = (products / total - mean * its) / math.sqrt((variance + _NOISE) * (spread + _NOISE))
-    column: Number = min(_I(u - _HALF), width - 2)
-    row: Number = min(_I(v - _HALF), height - 2)
+    column = min(_I(u - _HALF), width - 2)
+    row = min(_I(v - _HALF), height - 2)
     fp, fq = u - _HALF - _F(column), v - _HALF - _F(row)
     here = (row * width + column) * 3
     below_it = here + width * 3
@@ -171,8 +177,7 @@ def _source_cost(
         above = colours[here + c] + fp * (colours[here + 3 + c] - colours[here + c])
         under = colours[below_it + c] + fp * (colours[below_it + 3 + c] - colours[below_it + c])
         apart += abs(above + fq * (under - above) - own[c])
-    column, row = min(_I(u), width - 1), min(_I(v), height - 1)
-    gap = abs(inverse[row * width + column] - w / z)
+    gap = abs(its_depth - w / z)
     shift_x, shift_y = b[0] - u * b[2], b[1] - v * b[2]
     moved = gap * math.sqrt(shift_x * shift_x + shift_y * shift_y)
     cost = min(_ONE - likeness, _ONE)
@@ -281,6 +286,8 @@ def put(inverse: NDArray, to_photo: NDArray, shift: NDArray, out: NDArray) -> No
     height, width = inverse.shape
     for y in range(height):
         for x in range(width):
+            if not inverse[y, x] > _ZERO:
+                continue
             depth = 1.0 / np.float64(inverse[y, x])
             px, py = (x + 0.5) * depth - shift[0], (y + 0.5) * depth - shift[1]
             pz = depth - shift[2]

@@ -20,6 +20,7 @@ from ..system.told import NOBODY, Told
 from .each import predict_each
 from .enlarge import LARGE_PIXELS, Enlarger, predict_large
 from .inference import Graph, GraphStore
+from .masked import hidden
 from .predict import NetworkLimits, predict
 from .walk import capture_groups, predict_groups
 
@@ -53,16 +54,20 @@ class Way(ABC):
             return OneByOne(store, model, threads if joint else None)
         return Grouped(store, model)
 
-    @abstractmethod
     def predicted(self, scene: Scene, watch: Stopwatch, told: Told = NOBODY) -> Gaussians:
-        """Gaussians of all views of a scene; see `Runtime.predict`."""
+        """Gaussians of all views of a scene, hidden where masks leave pixels out; see `Runtime.predict`."""
+        return hidden(self._predicted(scene, watch, told), scene)
+
+    @abstractmethod
+    def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
+        """The same before masks."""
 
 
 @dataclass(frozen=True)
 class Grouped(Way):
     """Group by group, as they are."""
 
-    def predicted(self, scene: Scene, watch: Stopwatch, told: Told = NOBODY) -> Gaussians:
+    def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
         """As the first."""
         graph = self.store.network(self.model)
 
@@ -104,7 +109,7 @@ class OneByOne(Way):
 
     threads: int | None
 
-    def predicted(self, scene: Scene, watch: Stopwatch, told: Told = NOBODY) -> Gaussians:
+    def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
         """As the first."""
         stages = self.store.stages(self.model)
         groups = _groups(scene, stages["glance"], CLOSE)  # one by one, groups of their own cost no calls
@@ -117,7 +122,8 @@ class OneByOne(Way):
             return scene.frames[view].image()
 
         with watch.stage("network"):
-            return predict_each(read, scene.cameras, *scene.depth_range(), stages, groups, told, run_jobs)
+            frames = scene.frames
+            return predict_each(read, scene.cameras, *scene.depth_range(), stages, groups, told, run_jobs, frames)
 
 
 def _groups(scene: Scene, graph: Graph, shared: float = np.inf) -> tuple[Group, ...]:

@@ -61,7 +61,7 @@ def compared(data: bytes, scene: Scene, tools: Tools, model: str) -> Look:
     count = len(scene.frames)
     near, seen = near_of(data, count, tools, model), scene.views(looked_at(count))
     some = near(seen.cameras[0])
-    psnr = own_psnr(near, seen.cameras, seen.images(), tools.threads)
+    psnr = own_psnr(near, seen.cameras, seen.images(judged=True), tools.threads)
     return Look(some.count // len(some.cameras) * count, psnr)
 
 
@@ -97,7 +97,7 @@ def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: in
     Args:
         near: the scene.
         cameras: of the photos.
-        images: the photos.
+        images: the photos, NaN where they do not count.
         threads: see `Renderer`.
     """
     height, width = images.shape[1:3]

@@ -9,9 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..codec.modes import DEFAULT_MODE
 from ..container.layout import MAX_VIEWS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
+from ..scene import BACKGROUND, MOVING
 from ..scene.intake.layouts import load_scene
 from ..scene.intake.stereo import stereo_scene
 from ..scene.intake.video import video_scene
@@ -23,7 +25,7 @@ from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
 from ..system.told import NOBODY, Told
 from .doubts import OF_NO_RANGE, doubts
 from .request import EncodeRequest
-from .words import ALL, AutoViews, shown
+from .words import ALL, NO, AutoViews, shown
 
 ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""
@@ -56,9 +58,11 @@ def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
         InputError: no scene, too few photos, views that there are not, photos that agree about no depths.
     """
     scene = named_scene(request)
+    if request.masks is not None:
+        scene = scene.with_masks(None if request.masks == NO else request.masks)
     chosen, why = _chosen_views(request, scene, told)
     _say_wide(chosen, told)
-    sized = _sized(request, chosen, told)
+    sized = _masked(request, _sized(request, chosen, told), told)
     photos = len(sized.frames)
     if photos > MAX_VIEWS:
         fault = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
@@ -288,6 +292,33 @@ def _sized(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
             scene.path,
         )
     return scene.resized(*size)
+
+
+def _masked(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
+    """The scene without photos of which masks leave nothing; says how much they leave out, and as what."""
+    if not any(frame.mask for frame in scene.frames):
+        return scene
+    if request.mode != DEFAULT_MODE:
+        said = f"masks have no effect with --mode {request.mode}, whose files carry the photos themselves"
+        told.say("notice", said, scene.path)
+        return scene.with_masks(None)
+    out = {v: 1 - float(known.mean()) for v, frame in enumerate(scene.frames) if (known := frame.known()) is not None}
+    nothing = [v for v, share in out.items() if share == 1]
+    kept = [v for v in range(len(scene.frames)) if v not in nothing]
+    if len(kept) < 2:
+        fault = f"masks leave nothing of {len(nothing)} of {len(scene.frames)} photos"
+        raise InputError(f"{fault}: black is left out, white is kept; --no-masks ignores them", where=str(scene.path))
+    if nothing:
+        names = _listed([_name(scene.frames[v]) for v in nothing])
+        told.say("notice", f"left out {names}: their masks leave nothing of them", scene.path)
+    for meaning, words in ((MOVING, "what moves"), (BACKGROUND, "background, where nothing is")):
+        shares = [out[v] for v in kept if v in out and scene.frames[v].is_on_background == (meaning == BACKGROUND)]
+        if shares:
+            said = f"masks leave out {np.mean(shares):.0%} of {len(shares)} photos as {words}"
+            told.say(
+                "notice", f"{said}; --masks {MOVING if meaning == BACKGROUND else BACKGROUND} or --no-masks", scene.path
+            )
+    return scene.views(kept)
 
 
 def _say_crop(scene: Scene, size: tuple[int, int], told: Told) -> None:

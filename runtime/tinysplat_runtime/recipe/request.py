@@ -18,6 +18,7 @@ from ..formats import SH_BITS, SPZ_VERSION, SPZ_VERSIONS
 from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
 from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
+from ..scene import BACKGROUND, MOVING
 from ..system.files import StrPath, read_limited
 from . import words
 from .options import Options, option
@@ -156,6 +157,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
     near: float | None
     far: float | None
     refine: Refinement | int | str | None
+    masks: str | bool | None
     joint: bool
     mode: str
     poses: StrPath | None
@@ -196,6 +198,15 @@ class EncodeRequest(Noted, Coding):
         off_help="as the network made them; captures are refined",
     )
     """None as `recipe.refinement.chosen` has it."""
+    masks: str | None = option(
+        words.text,
+        metavar="MEANING",
+        choices=(MOVING, BACKGROUND, words.NO),
+        off=words.NO,
+        help=f"masks show what is {MOVING}, or {BACKGROUND}; default: files the first",
+        off_help="photos as they are, with what masks leave out",
+    )
+    """None: mask files show what moves, transparent photos where nothing is; `scene.masks` has what that means."""
     joint: bool = option(
         words.flag, True, group=VIDEO, off=False, help="", off_help="depths as the network finds them, for measuring"
     )

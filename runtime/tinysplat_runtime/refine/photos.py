@@ -20,6 +20,10 @@ from ..system import disk
 SAME_PIXEL = 0.5
 """Largest difference in pixels of intrinsics."""
 
+NOTHING = 0.0
+"""Colour of a photo's pixels where a mask says that nothing is, so that Gaussians of other photos fade that show there.
+Where something moved, nobody judges them."""
+
 CLOSER = 2
 """Photos this many times as large are looked at too, where they are at hand: a scene is then good from closer."""
 
@@ -79,6 +83,8 @@ def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]
         photo[:] = frame.image()
         if not np.isfinite(photo).all():
             raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
+        if (known := frame.known()) is not None:
+            photo[~known] = NOTHING if frame.is_on_background else np.nan
     return [Target(camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
 
 

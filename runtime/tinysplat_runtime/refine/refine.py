@@ -263,7 +263,8 @@ class _Smaller:
 def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | None:
     """The first photo that shows something else than the Gaussians; None where all show them."""
     for view, (error, target) in enumerate(zip(errors, targets, strict=True)):
-        variance = float(((target.photo - target.photo.mean((0, 1))) ** 2).sum())
+        colours = target.photo[np.isfinite(target.photo[..., 0])]
+        variance = float(((colours - colours.mean(axis=0)) ** 2).sum())
         if 1 - error.squared / (variance + 1e-9) < SAME_PICTURE:
             return view
     return None

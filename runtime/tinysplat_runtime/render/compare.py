@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Iterable
 
@@ -12,6 +13,12 @@ from ..system.decibels import decibels
 
 
 def mean_decibels(pictures: Iterable[NDArray], wanted: Iterable[NDArray]) -> float:
-    """PSNR in dB of pictures (H, W, 3) float in [0, 1] to others of their shapes, the mean over the pairs."""
-    errors = (np.mean((one - other) ** 2, dtype=np.float64) for one, other in zip(pictures, wanted, strict=True))
-    return statistics.fmean(decibels(float(error)) for error in errors)
+    """PSNR in dB of pictures (H, W, 3) float in [0, 1] to others of their shapes, the mean over the pairs.
+
+    Values that are NaN in the others do not count, nor pairs of which none does; NaN where that leaves nothing.
+    """
+    pairs = ((one, other, ~np.isnan(other)) for one, other in zip(pictures, wanted, strict=True))
+    errors = [
+        np.mean((one - other) ** 2, dtype=np.float64, where=counts) for one, other, counts in pairs if counts.any()
+    ]
+    return statistics.fmean(decibels(float(error)) for error in errors) if errors else math.nan

@@ -12,6 +12,7 @@ import re
 import struct
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import av
@@ -44,6 +45,7 @@ _OTHERS = {
     "AVIF": rb"....ftypavi[fs]",
 }
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_COLOUR_TYPE, _PNG_WITH_ALPHA = 25, (b"\4", b"\6")  # where the header says so: grey or colour, and alpha
 _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 
 _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])", re.DOTALL)  # neither stuffing nor a restart marker
@@ -100,6 +102,27 @@ def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArr
     except InputError as error:
         raise error.within(str(path)) from None
     return _orient(pixels, photo.orientation) if upright else pixels
+
+
+def is_transparent(path: StrPath) -> bool:
+    """Whether a file is a PNG whose pixels have an opacity each, by its first bytes; not where it cannot be read."""
+    try:
+        with Path(path).open("rb") as file:
+            start = file.read(_PNG_COLOUR_TYPE + 1)
+    except OSError:
+        return False
+    return start.startswith(_PNG_SIGNATURE) and start[_PNG_COLOUR_TYPE:] in _PNG_WITH_ALPHA
+
+
+def read_opacity(path: StrPath, *, upright: bool = True) -> NDArray:
+    """(H, W) uint8 opacities of such a file's pixels, as `read_image` has these; its errors."""
+    photo = _headers(path)
+    try:
+        samples = _samples_of(_decode(photo, 1), photo.is_16_bit)
+    except InputError as error:
+        raise error.within(str(path)) from None
+    opacity = _of_8_bits(samples[..., -1])
+    return _orient(opacity, photo.orientation) if upright else opacity
 
 
 def image_size(path: StrPath) -> tuple[int, int]:
@@ -306,8 +329,8 @@ def _upsample_chroma(plane: NDArray, shape: tuple[int, ...]) -> NDArray:
 
 
 def doubled(samples: NDArray, axis: int) -> NDArray:
-    """Twice as many samples along one axis of a plane, each 3 × the nearest + 1 × the next: four times the values."""
-    padded = np.pad(samples, [(int(a == axis),) * 2 for a in (0, 1)], mode="edge")
+    """Twice as many samples along one axis, 0 or 1, each 3 × the nearest + 1 × the next: four times the values."""
+    padded = np.pad(samples, [(int(a == axis),) * 2 for a in range(samples.ndim)], mode="edge")
     before, after = (padded[:-2], padded[2:]) if axis == 0 else (padded[:, :-2], padded[:, 2:])
     doubled = np.empty([n * (1 + (a == axis)) for a, n in enumerate(samples.shape)], samples.dtype)
     even, odd = (doubled[::2], doubled[1::2]) if axis == 0 else (doubled[:, ::2], doubled[:, 1::2])

@@ -18,10 +18,12 @@ from ..errors import InputError, warn
 from ..system.jsonfields import MAX_DEPTH
 from ..system.printable import type_of
 from ..system.told import NOBODY, Told
+from . import BACKGROUND
 from .cameras import Camera, check_is_in_pixels
 from .footage import Video
 from .images import read_image
 from .lenses import Lens
+from .masks import Mask, filled
 from .resampling import resize_cover
 
 MAX_CAMERAS_BYTES = 64 * 1000 * 1000
@@ -47,7 +49,8 @@ class Frame:
         index: which of the video's frames.
         taken_with: the intrinsics of the photo that the one at `path` was made from, where that is known: those of the
             video's frames whose photos they were.
-        kept: what `image` gave, once it did; None where that is not to be kept.
+        mask: which of the photo's pixels count, where not all do.
+        kept: what `image` and `known` gave, by these names, once they did; None where that is not to be kept.
     """
 
     camera: Camera
@@ -57,35 +60,74 @@ class Frame:
     video: Video | None = None
     index: int = 0
     taken_with: Lens | None = None
-    kept: list[NDArray] | None = field(default=None, repr=False)
+    mask: Mask | None = None
+    kept: dict[str, NDArray | None] | None = field(default=None, repr=False)
 
     def resized(self, height: int, width: int, *, keep: bool = False) -> Frame:
         """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
         photo_camera = self.photo_camera or self.camera
         camera = photo_camera.resized(height, width)
-        return replace(self, camera=camera, photo_camera=photo_camera, kept=[] if keep else None)
+        return replace(self, camera=camera, photo_camera=photo_camera, kept={} if keep else None)
 
     def image(self, photo: NDArray | None = None) -> NDArray:
         """The photo: (H, W, 3) float32 in [0, 1], of the camera's size; read-only where it is kept.
+
+        Pixels that do not count continue those beside them smoothly, so that they are like nothing in other photos.
 
         Args:
             photo: what `photo` gave, where that is at hand.
 
         Raises:
-            InputError: see `photo`.
+            InputError: see `photo` and `known`.
         """
-        if self.kept:
-            return self.kept[0]
+        if self.kept and (kept := self.kept.get("image")) is not None:
+            return kept
         size = self.camera.height, self.camera.width
         pixels = self.photo(None if self.photo_camera is None else size) if photo is None else photo
         if self.photo_camera is None:
             image = pixels.astype(np.float32) / np.float32(255)
         else:
             image = resize_cover(pixels, *size, (self.photo_camera.height, self.photo_camera.width))
+        if (known := self.known()) is not None:
+            image = filled(image, known)
         if self.kept is not None:
             image.flags.writeable = False
-            self.kept[:] = [image]
+            self.kept["image"] = image
         return image
+
+    def known(self) -> NDArray | None:
+        """Which of the pixels of `image` count: (H, W) bool; None where all do.
+
+        Raises:
+            InputError: names the mask, which cannot be read or is of another shape than the photo.
+        """
+        if self.mask is None:
+            return None
+        if self.kept is not None and "known" in self.kept:
+            return self.kept["known"]
+        stated, camera = self.lens or self.photo_camera or self.camera, self.camera
+        levels = self.mask.kept(stated.height, stated.width)[..., None]
+        if self.lens is not None:
+            levels = self.lens.undistort(np.repeat(levels, 3, axis=2))[..., :1]
+        if self.photo_camera is not None:
+            photo = self.photo_camera.height, self.photo_camera.width
+            share = resize_cover(levels, camera.height, camera.width, photo)
+        else:
+            share = levels / np.float32(255)
+        known = None if (share >= 0.5).all() else share[..., 0] >= 0.5
+        if self.kept is not None:
+            self.kept["known"] = known
+        return known
+
+    @property
+    def is_on_background(self) -> bool:
+        """Whether nothing is where pixels do not count; otherwise something moves there."""
+        return self.mask is not None and self.mask.is_background
+
+    def judged(self) -> NDArray:
+        """What pictures are held against: `image` with NaN where pixels do not count; its errors."""
+        image, known = self.image(), self.known()
+        return image if known is None else np.where(known[..., None], image, np.float32(np.nan))
 
     def photo(self, least: tuple[int, int] | None = None) -> NDArray:
         """Read the photo: (H, W, 3) uint8 as it was taken, without its lens's distortion.
@@ -209,6 +251,15 @@ class Scene:
             raise InputError("no views chosen, expected at least one", where=str(self.path))
         return replace(self, frames=tuple(self.frames[i] for i in chosen))
 
+    def with_masks(self, meaning: str | None) -> Scene:
+        """The scene whose masks say what is `moving` or where `background` is; with None, without them."""
+        frames = []
+        for frame in self.frames:
+            mask = frame.mask and replace(frame.mask, is_background=meaning == BACKGROUND)
+            kept: dict[str, NDArray | None] | None = None if frame.kept is None else {}
+            frames.append(replace(frame, mask=mask if meaning else None, kept=kept))
+        return replace(self, frames=tuple(frames))
+
     def resized(self, height: int, width: int) -> Scene:
         """Every photo scaled to cover height × width, then cropped around its centre; cameras adjusted."""
         for name, side in (("height", height), ("width", width)):
@@ -218,14 +269,15 @@ class Scene:
         resized = (frame.resized(int(height), int(width), keep=i < room) for i, frame in enumerate(self.frames))
         return replace(self, frames=tuple(resized))
 
-    def images(self, told: Told = NOBODY) -> NDArray:
+    def images(self, told: Told = NOBODY, *, judged: bool = False) -> NDArray:
         """Read the photos.
 
         Args:
             told: is told of each photo.
+            judged: as `Frame.judged` has them, in place of `Frame.image`.
 
         Returns:
-            (V, H, W, 3) float32 in [0, 1].
+            (V, H, W, 3) float32 in [0, 1]; of `judged`, NaN where pixels do not count.
 
         Raises:
             InputError: names the photo that cannot be read or has another size than its camera or the first frame.
@@ -234,7 +286,7 @@ class Scene:
         camera = self.frames[0].camera
         images = np.empty((len(self.frames), camera.height, camera.width, 3), np.float32)
         for v, frame in enumerate(told.progress("reading", self.frames)):
-            images[v] = frame.image()
+            images[v] = frame.judged() if judged else frame.image()
         return images
 
     def check_one_size(self) -> None:

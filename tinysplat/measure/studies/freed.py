@@ -109,7 +109,7 @@ def _cases(run: Run) -> Iterator[Case]:
         else:
             unseen = photos.views(range(len(photos.frames))[UNSEEN])
             case = Case.without_photos(name, gaussians, unseen.cameras)
-            yield replace(case, photos=tuple(unseen.images()))
+            yield replace(case, photos=tuple(unseen.images(judged=True)))
 
 
 def _share(rows: Sequence[Row]) -> str:

@@ -77,7 +77,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         """Means of what pictures are judged by, and the worst picture's dB."""
         pairs = zip(pictures, capture.targets.frames, strict=True)
         scores = [
-            {name: metric(picture, frame.image()) for name, metric in METRICS.items()} for picture, frame in pairs
+            {name: metric(picture, frame.judged()) for name, metric in METRICS.items()} for picture, frame in pairs
         ]
         means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
         return {**means, "worst": min(score["psnr"] for score in scores)}

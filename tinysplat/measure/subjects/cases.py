@@ -71,7 +71,7 @@ class PhotoViews:
     """Views of one size.
 
     Attributes:
-        images: (V, H, W, 3) float32 in [0, 1].
+        images: (V, H, W, 3) float32 in [0, 1]; of what is drawn, NaN where a mask leaves pixels out.
         cameras: one per view.
         depths: (H, W) true z per view, 0 where unknown, or None.
     """

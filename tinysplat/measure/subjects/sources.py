@@ -87,7 +87,7 @@ class FolderSource(PhotoSource):
         near, far = whole.depth_range()
         context, targets = (whole.resized(*size).views(indices) for indices in (window.context, window.targets))
         depths = tuple(self._depths(window.targets, targets.cameras))
-        seen = PhotoViews(targets.images(), tuple(targets.cameras), depths)
+        seen = PhotoViews(targets.images(judged=True), tuple(targets.cameras), depths)
         return Shots(PhotoViews(context.images(), tuple(context.cameras)), seen, near, far, context)
 
     def fingerprint(self, window: Window) -> str:

@@ -58,7 +58,12 @@ class Seen:
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
         for v, (frame, close, target) in enumerate(told.progress("checking", frames)):
             photo, camera = None, frame.camera
-            if frame.kept == [] and camera.height >= height and camera.width >= width:
+            if (
+                frame.kept is not None
+                and "image" not in frame.kept
+                and camera.height >= height
+                and camera.width >= width
+            ):
                 photo = frame.photo((camera.height, camera.width))
                 frame.image(photo)  # is kept: the network will have it
             image = close.image(photo)

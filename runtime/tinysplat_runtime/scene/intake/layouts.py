@@ -21,6 +21,7 @@ from .cameras_json import CAMERAS_FILE, cameras_alone, load_folder
 from .colmap import load_colmap, model_folder
 from .exports import Reader, export_reader
 from .llff import LLFF_FILE, load_llff
+from .masks import with_masks
 from .nerfstudio import BLENDER_FILE, FILE, load_transforms
 from .photos import photos_in
 from .realestate import load_realestate
@@ -77,7 +78,7 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
         )
     path = Path(path)
     reader = foreign_reader(path)
-    return reader(path, near, far) if reader else load_folder(_cameras_file(path), near, far)
+    return with_masks(reader(path, near, far) if reader else load_folder(_cameras_file(path), near, far))
 
 
 def load_cameras(path: StrPath) -> list[Camera]:

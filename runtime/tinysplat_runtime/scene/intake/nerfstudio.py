@@ -2,9 +2,9 @@
 
 Poses are camera to world with OpenGL axes (x right, y up, z backward). Intrinsics stand at the top or in a frame, which
 wins: `fl_x fl_y cx cy w h`, or the angle of view `camera_angle_x`; distortion `k1 … k6 p1 p2` is OpenCV's, a fisheye's
-where `camera_model` or `is_fisheye` says so. The depth range is that of the points in `ply_file_path`, in the
-coordinates of the poses; without points that can be read it is found later. Source: docs.nerf.studio, "Data
-conventions"; instant-ngp, docs/nerf_dataset_tips.md.
+where `camera_model` or `is_fisheye` says so; `mask_path` names a frame's mask. The depth range is that of the points in
+`ply_file_path`, in the coordinates of the poses; without points that can be read it is found later. Source:
+docs.nerf.studio, "Data conventions"; instant-ngp, docs/nerf_dataset_tips.md.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ...system.ply import ply_elements
 from ..cameras import Camera, finite_array
 from ..images import image_size
 from ..lenses import Lens, opencv_lens
+from ..masks import Mask
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene, even_sizes
 from .depths import depth_range_in_view
 from .photos import find_photo, lens_of_copy, present
@@ -79,7 +80,14 @@ def _frame(folder: Path, document: JsonObject, i: int, entry: JsonObject, photo:
             raise
         where = f"frames[{i}].{error.where}" if error.where else f"frames[{i}]"
         raise InputError(error.message, where=where) from None
-    return Frame(camera, photo, lens=None if lens.is_pinhole else lens)
+    return Frame(camera, photo, lens=None if lens.is_pinhole else lens, mask=_mask(folder, i, entry))
+
+
+def _mask(folder: Path, i: int, entry: JsonObject) -> Mask | None:
+    """What a frame says which of its photo's pixels count by."""
+    if entry.get("mask_path") is None:
+        return None
+    return Mask(find_photo(folder, photo_name(i, entry, "mask_path")), is_background=False)
 
 
 def _pose(entry: JsonObject) -> NDArray:

@@ -1,0 +1,90 @@
+"""Masks beside photos, as other tools keep them, and photos that are transparent.
+
+Of a photo `images/a.jpg` they are `masks/a.png` or, as COLMAP has it, `masks/a.jpg.png`; beside the photo itself
+`a.mask.png`, `a_mask.png` or `a.jpg.png`; or what nerfstudio's `mask_path` names. Black is left out everywhere. Of the
+two meanings (`scene.masks`) files have that of those tools, which leave out what moves; where a photo is transparent,
+there is nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path, PurePosixPath
+
+from ...errors import warn
+from ..images import is_transparent
+from ..masks import Mask
+from ..scenes import Frame, Scene
+from .photos import find_folder, find_photo, is_photo, is_there
+
+FOLDERS = ("masks", "mask")
+
+ENDS = (".mask", "_mask")
+"""Ends of a name, before the ending, of a mask beside its photo."""
+
+_MOST_NAMED = 3
+_MOST_MASKS = 1 << 17  # that are looked at in a folder
+
+
+def with_masks(scene: Scene) -> Scene:
+    """A scene whose frames have the masks that are there; those that fit no photo, and photos without, are said."""
+    folders: dict[Path, None] = {}
+    masks = [_mask(frame, scene.path, folders) for frame in scene.frames]
+    given = {mask.path for mask in masks if mask and not mask.is_opacity}
+    inside = (path for folder in folders for path in islice(sorted(folder.rglob("*")), _MOST_MASKS))
+    there = [path for path in inside if is_photo(path.name)]
+    unfit = [path.name for path in there if path not in given]
+    if unfit:
+        warn(f"{scene.path}: {len(unfit)} of {len(there)} masks fit no photo and are not used ({_listed(unfit)})")
+    bare = [frame.path.name for frame, mask in zip(scene.frames, masks, strict=True) if mask is None]
+    if given and bare:
+        said = f"{len(bare)} of {len(masks)} photos have no mask and count as they are"
+        warn(f"{scene.path}: {said} ({_listed(bare)})")
+    pairs = zip(scene.frames, masks, strict=True)
+    return replace(
+        scene, frames=tuple(frame if mask is frame.mask else replace(frame, mask=mask) for frame, mask in pairs)
+    )
+
+
+def mask_of(photo: Path, root: Path, folders: dict[Path, None] | None = None) -> Mask | None:
+    """What says which pixels of a photo count, None where all do.
+
+    Args:
+        photo: the file.
+        root: the folder up to which folders of masks are sought.
+        folders: those that there are are added to it.
+    """
+    for path in _places(photo, root, {} if folders is None else folders):
+        if is_there(path):
+            return Mask(path, is_background=False)
+    return Mask(photo, is_background=True, is_opacity=True) if is_transparent(photo) else None
+
+
+def _mask(frame: Frame, root: Path, folders: dict[Path, None]) -> Mask | None:
+    if frame.video is not None:
+        return None
+    if frame.mask is not None and is_there(frame.mask.path):
+        return frame.mask
+    return mask_of(frame.path, root, folders)
+
+
+def _places(photo: Path, root: Path, folders: dict[Path, None]) -> Iterator[Path]:
+    """Where a photo's mask may lie."""
+    for end in ENDS:
+        yield find_photo(photo.parent, f"{photo.stem}{end}.png")
+    yield photo.with_name(f"{photo.name}.png")
+    for base in (base for base in photo.parents if base == root or root in base.parents):
+        folder = next((found for name in FOLDERS if (found := find_folder(base, name))), None)
+        if folder is None:
+            continue
+        folders[folder] = None
+        parts = photo.relative_to(base).parts
+        for tail in (PurePosixPath(*parts), PurePosixPath(*parts[1:])) if parts[1:] else (PurePosixPath(*parts),):
+            yield find_photo(folder, f"{tail}.png")
+            yield find_photo(folder, str(tail.with_suffix(".png")))
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
