@@ -62,7 +62,7 @@ def lacking_alike(targets: Sequence[Target], pictures: NDArray, moving: MovableG
             take their place.
         moving: the copy.
     """
-    shown, found = np.empty((*pictures.shape[1:3], 4), np.float32), list[Target]()
+    shown, found = np.zeros((*pictures.shape[1:3], 4), np.float32), list[Target]()
     for target, picture in zip(targets, pictures, strict=True):
         half = halved_target(target)
         moving.measure(half, shares=moving.shares(half.camera), shown=shown)

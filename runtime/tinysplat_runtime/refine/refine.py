@@ -96,7 +96,7 @@ class Refining:
         moving = MovableGaussians(gaussians, run_jobs)
         begun = time.perf_counter()
         height, width = self._sizes[0][0].photo.shape[:2]
-        shown, errors = np.empty((height, width, 4), np.float32), []
+        shown, errors = np.zeros((height, width, 4), np.float32), []
         self._halved = disk.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
         for target, half in zip(self._sizes[0], self._halved, strict=True):
             errors.append(moving.measure(target, shares=moving.shares(target.camera), shown=shown))
