@@ -53,7 +53,7 @@ from .documents import (
 )
 from .graphs import damage_network, network_seeds
 from .javascript import attack_javascript
-from .worker import forked_usd_worker, forked_worker
+from .worker import forked_usd_worker
 
 LIMITS = Limits(max_pixels=1 << 14, max_memory_bytes=16 << 20)
 """What the attacked readers may take: small, so that a file that gets more shows in the process's memory."""
@@ -226,11 +226,11 @@ def _transforms(rng: Random) -> None:
 
 
 def _colmap(rng: Random) -> None:
-    """A model with one or two damaged files; pycolmap may die of it, in its own process and within bounds."""
+    """A model with one or two damaged files."""
     seed = dict(rng.choice(corpus.colmap_seeds()))
     for name in rng.sample(sorted(seed), rng.choice((1, 1, 2))):
         seed[name] = (damage_text if name.endswith(".txt") else damage)(seed[name], rng)
-    with tempfile.TemporaryDirectory() as folder, forked_worker():
+    with tempfile.TemporaryDirectory() as folder:
         for name, data in seed.items():
             (Path(folder) / name).write_bytes(data)
         load_scene(folder)

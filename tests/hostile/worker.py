@@ -1,4 +1,4 @@
-"""The processes in which pycolmap and usd-core read, by forking in place of starting Python: a hundred times as fast.
+"""The process in which usd-core reads, by forking in place of starting Python: a hundred times as fast.
 
 The child runs the product's own worker; what the parent sees is what `subprocess.run` would give it. Threads of a
 library are not forked with it, and a child may wait for one for ever: then a process of its own reads.
@@ -20,24 +20,11 @@ from typing import Any
 from unittest import mock
 
 from tinysplat_runtime.formats import usd_worker
-from tinysplat_runtime.scene.intake import colmap_worker
 
 MOST_MEMORY_KB = 1 << 20
 MOST_CPU_S = 2.0
 STUCK_S = 20.0
 RUN = subprocess.run
-
-
-@contextmanager
-def forked_worker() -> Iterator[None]:
-    """Within the block, COLMAP models are read by forked children, held to bounds of memory and time."""
-    import pycolmap  # noqa: F401, once, before the first fork
-
-    def run(command: Sequence[str], **_: Any) -> subprocess.CompletedProcess[bytes]:
-        return _forked(command, lambda: colmap_worker.main(command[-1]))
-
-    with mock.patch.object(subprocess, "run", run):
-        yield
 
 
 @contextmanager

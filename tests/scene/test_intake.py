@@ -383,13 +383,12 @@ def test_colmap_photos_of_a_distorted_camera_are_undistorted(folder: Path) -> No
     assert frame.camera.height < HEIGHT  # cut where the lens showed nothing
 
 
-def test_colmap_without_pycolmap_names_the_remedy(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_text_model(folder / "sparse/0")
-    (tmp_path / "hiding").mkdir()
-    (tmp_path / "hiding/pycolmap.py").write_text("raise ImportError")
-    monkeypatch.syspath_prepend(str(tmp_path / "hiding"))
+def test_colmap_without_distortion_needs_no_package(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    model = write_text_model(folder / "sparse/0")
+    assert_cameras(load_scene(folder), CAMERAS)
+    shutil.rmtree(model)
+    write_text_model(model, f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 37 16 12 0.2")
     assert 'pip install "tinysplat[poses]"' in refusal(folder)
 
 
@@ -477,27 +476,12 @@ def test_a_folder_of_nothing_known_says_what_is_accepted(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("file", "at"), [("cameras.bin", 0), ("images.bin", 0), ("points3D.bin", 51)])
-def test_colmap_counts_beyond_their_file_are_refused_before_pycolmap_believes_them(
-    folder: Path, file: str, at: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With the count of a track changed pycolmap took 20 seconds and all memory."""
+def test_colmap_counts_beyond_their_file_are_refused(folder: Path, file: str, at: int) -> None:
     model = make_binary(write_text_model(folder / "text"), folder / "sparse/0")
     data = bytearray((model / file).read_bytes())
     data[at : at + 4] = b"\xff\xff\xff\x7f"
     (model / file).write_bytes(data)
-    monkeypatch.setattr("subprocess.run", None)
     assert str(model / file) in refusal(folder)
-
-
-@pytest.mark.parametrize("takes", ["bytearray(1 << 33)", "while time.process_time() < 60: pass"])
-def test_the_process_that_reads_colmap_models_is_bounded(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, takes: str
-) -> None:
-    write_text_model(folder / "sparse/0")
-    code = f"def Reconstruction(_):\n    {takes}\n    raise ValueError('was given all')\n"
-    (tmp_path / "pycolmap.py").write_text(f"import time, unittest.mock\nlogging = unittest.mock.Mock()\n{code}")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert "given" not in refusal(folder)
 
 
 # ---- LLFF and Blender ------------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -14,7 +13,16 @@ import numpy as np
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
-from tinysplat.poses.placing import NonePlacedError, Placement, coloured_points, copies, encoded, place, upright_copies
+from tinysplat.poses.placing import (
+    NonePlacedError,
+    Placement,
+    coloured_points,
+    copies,
+    encoded,
+    place,
+    placed_photos,
+    upright_copies,
+)
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic
@@ -22,7 +30,6 @@ from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import PHOTO_SUFFIXES
-from tinysplat_runtime.scene.intake.colmap_worker import model_arrays
 from tinysplat_runtime.scene.intake.depths import observed_range
 from tinysplat_runtime.scene.intake.photos import photos_in
 from tinysplat_runtime.scene.spacing import Spacing
@@ -106,13 +113,12 @@ def _write(
     output: Path, photos: Path, placement: Placement, *, quiet: bool
 ) -> tuple[dict[str, Camera], tuple[float | None, float | None]]:
     """Write the scene of photos that were placed; their cameras by name, and near and far."""
-    arrays = model_arrays(placement.model, {})
-    entries = json.loads(arrays["entries"].tobytes())
+    points, (entries, observations) = coloured_points(placement.model), placed_photos(placement.model)
     kept = np.array([entry["name"] in placement.right for entry in entries])
-    w2c, observations = np.array([entry["w2c"] for entry in entries]), arrays["observations"]
-    depths = observed_range(w2c, arrays["points"], observations[kept[observations[:, 0]]])
+    w2c = np.array([entry["w2c"] for entry in entries])
+    depths = observed_range(w2c, points[0], observations[kept[observations[:, 0]]])
     right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
-    cameras = write_folder(output, photos, right, depths, coloured_points(placement.model), quiet=quiet)
+    cameras = write_folder(output, photos, right, depths, points, quiet=quiet)
     return cameras, depths
 
 

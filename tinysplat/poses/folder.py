@@ -49,7 +49,7 @@ def write_folder(
     Args:
         output: the folder, new or empty.
         photos: where the photos are, upright as stored.
-        entries: what `colmap_worker.model_arrays` says of each.
+        entries: what `placing.placed_photos` says of each.
         depths: near and far, None where they are unknown.
         points: of the surfaces.
         quiet: whether to show no progress.

@@ -30,6 +30,7 @@ from tinysplat_runtime.scene.heic import SUFFIXES as HEIC
 from tinysplat_runtime.scene.images import image_size, is_turned, read_image
 from tinysplat_runtime.scene.lenses import load_pycolmap
 from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.progress import progress, working
 
 FEW, ALL_PAIRS = 40, 100
@@ -391,3 +392,24 @@ def coloured_points(model: Any) -> tuple[NDArray, NDArray, NDArray]:
         np.array([point.color for point in points], np.uint8).reshape(-1, 3),
         np.array([point.error for point in points], np.float64),
     )
+
+
+def placed_photos(model: Any) -> tuple[list[JsonObject], NDArray]:
+    """Photos that have a pose, and what they observe.
+
+    Returns:
+        A photo's `name`, `w2c` (3×4) and `camera` (model, params, width, height); and pairs (M, 2) int64 of an index
+        into these and one into `coloured_points`.
+    """
+    points = {number: row for row, number in enumerate(model.points3D)}
+    entries: list[JsonObject] = []
+    observations: list[tuple[int, int]] = []
+    for image in (image for image in model.images.values() if image.has_pose):
+        camera = model.cameras[image.camera_id]
+        seen = (point.point3D_id for point in image.points2D if point.has_point3D())
+        observations += [(len(entries), points[number]) for number in seen if number in points]
+        taken_with = {"model": camera.model.name, "params": [float(value) for value in camera.params]}
+        taken_with |= {"width": int(camera.width), "height": int(camera.height)}
+        pose = image.cam_from_world().matrix().tolist()
+        entries.append({"name": image.name, "w2c": pose, "camera": taken_with})
+    return entries, np.array(observations, np.int64).reshape(-1, 2)

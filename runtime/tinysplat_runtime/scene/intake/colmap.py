@@ -1,36 +1,27 @@
-"""COLMAP models, text and binary, through the package pycolmap (extra `poses`).
+"""COLMAP projects: photos, and a model of their cameras (`colmap_model`).
 
 A project folder holds the photos in `images/` and a model in `sparse/0`, or in another of `MODEL_FOLDERS`; a folder
 with the model's own files works as well, its photos beside it. Of several models the largest is read. The depth range
 is that of the points which the photos observe, if there are any. Pixel centres lie at halves and axes are OpenCV's, as
 here, so that nothing is converted.
-
-Trust boundary: on a damaged model pycolmap ends its process in place of raising, or takes all memory. It therefore
-reads in a process of its own (`colmap_worker`), which hands over arrays, and only where `colmap_binary` found no
-wrong count.
 """
 
 from __future__ import annotations
 
-import io
-import json
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError, warn
 from ..cameras import Camera
-from ..lenses import INSTALL, Lens
+from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
-from .colmap_binary import check_counts
+from .colmap_model import ModelPhoto, read_model
 from .depths import depth_range_in_view, observed_range
 from .photos import check_inside, find_folder, find_photo, is_there, lens_of_copy, present
 
@@ -43,15 +34,6 @@ _MOST_MODELS = 200
 _NEEDED = ("cameras", "images")
 _HEADER = re.compile(rb"#\s*Number of images:\s*(\d{1,9})")
 _HEADER_BYTES = 1000
-_FAULTS = {
-    "VerifyParams": "cameras: parameters that are not those of the camera's model",
-    "Rig with ID|Camera": "images name a camera that is not among the cameras",
-    "std::bad_alloc|Memory": "it takes more memory than models of its size do",
-}
-"""What pycolmap means by what it says; all else is `_FAULT`."""
-
-_FAULT = "cameras, images or points3D hold what is no number, or do not go with each other"
-_NO_PYCOLMAP = 3  # exit status of the worker
 
 
 def model_folder(folder: Path) -> Path | None:
@@ -88,28 +70,28 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
     """Read a COLMAP project; photos in the order of their names.
 
     Raises:
-        InputError: pycolmap is missing, the model is damaged or has no photo with a pose, or a camera is none.
+        InputError: the model is damaged or has no photo with a pose, a camera is none, or pycolmap is missing for its
+            distortion.
     """
     model = model_folder(folder)
     if model is None:
         raise InputError(f"no COLMAP model in {', '.join(MODEL_FOLDERS)}", where=str(folder))
     _say_others(folder, model)
-    arrays = _read_apart(model)
-    entries = json.loads(arrays["entries"].tobytes())
-    if not entries:
+    found = read_model(model, _suffix(model))
+    if not found.photos:
         raise InputError("a model without a photo that has a pose", where=str(model))
-    order = sorted(range(len(entries)), key=lambda i: entries[i]["name"])
+    entries = sorted(found.photos, key=lambda photo: photo.name)
     try:
         for entry in entries:
-            check_inside(entry["name"], "images")
-        photos = _photos(folder, model, [entries[i]["name"] for i in order])
-        frames = [_frame(photos[i], entries[order[i]]) for i in present(photos, str(model))]
+            check_inside(entry.name, "images")
+        photos = _photos(folder, model, [entry.name for entry in entries])
+        frames = [_frame(photos[i], entries[i]) for i in present(photos, str(model))]
     except InputError as error:
         raise error.within(str(model)) from None
-    w2c = np.stack([np.array(entry["w2c"]) for entry in entries])  # (V, 3, 4)
-    depths = observed_range(w2c, arrays["points"], arrays["observations"])
+    w2c = np.stack([photo.w2c for photo in found.photos])  # (V, 3, 4)
+    depths = observed_range(w2c, found.points, found.observations)
     if None in depths:
-        depths = depth_range_in_view(arrays["points"], [frame.camera for frame in frames])
+        depths = depth_range_in_view(found.points, [frame.camera for frame in frames])
     near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
     return Scene(folder, even_sizes(frames), near, far)
 
@@ -127,22 +109,6 @@ def _say_others(folder: Path, model: Path) -> None:
             warn(f"{model}: {sizes[model]} photos, but the header of images.txt says that they are {int(stated[1])}")
 
 
-def _read_apart(model: Path) -> dict[str, NDArray]:
-    """What `colmap_worker` writes of a model."""
-    check_counts(model)
-    command = [sys.executable, "-m", "tinysplat_runtime.scene.intake.colmap_worker", str(model)]
-    path = os.pathsep.join(entry for entry in sys.path if entry)  # the worker finds what this process found
-    done = subprocess.run(command, capture_output=True, check=False, env={**os.environ, "PYTHONPATH": path})
-    if done.returncode == _NO_PYCOLMAP:
-        raise InputError(f"COLMAP models need pycolmap; {INSTALL}", where=str(model))
-    if done.returncode:
-        said = done.stderr.decode(errors="replace")
-        reason = next((ours for theirs, ours in _FAULTS.items() if re.search(theirs, said)), _FAULT)
-        raise InputError(f"damaged COLMAP model ({reason})", where=str(model))
-    with np.load(io.BytesIO(done.stdout)) as arrays:
-        return dict(arrays)
-
-
 def _photos(folder: Path, model: Path, names: Sequence[str]) -> list[Path]:
     """Where the photos of these names lie: in the folder nearest to the model that has one of them."""
     above = [Path(os.path.normpath(model / up)) for up in ("", "..", "../..", "../../..")]
@@ -158,13 +124,10 @@ _lens = lru_cache(maxsize=256)(Lens)
 """One object for all photos of a camera: finding its camera without distortion takes 4 ms at 4000×3000."""
 
 
-def _frame(photo: Path, entry: dict[str, object]) -> Frame:
-    camera = entry["camera"]
-    assert isinstance(camera, dict)  # written by our own worker
-    w2c = np.vstack([np.array(entry["w2c"]), [0, 0, 0, 1]])
+def _frame(photo: Path, entry: ModelPhoto) -> Frame:
     try:
-        lens = lens_of_copy(_lens(camera["model"], tuple(camera["params"]), camera["width"], camera["height"]), photo)
-        seen: Camera = lens.camera(np.linalg.inv(w2c))
+        lens = lens_of_copy(_lens(*entry.camera), photo)
+        seen: Camera = lens.camera(np.linalg.inv(np.vstack([entry.w2c, [0, 0, 0, 1]])))
     except InputError as error:
-        raise error.within(str(entry["name"])) from None
+        raise error.within(entry.name) from None
     return Frame(seen, photo, lens=None if lens.is_pinhole else lens)
