@@ -53,11 +53,18 @@ def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
     photos = tmp_path / "photos"
     cameras = write_photos_of_walls(photos, views=5)
     write_png(photos / "wall.png", np.full((HEIGHT, WIDTH, 3), 200, np.uint8))
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[: HEIGHT // 4] = 0
+    write_png(photos / "1.mask.png", mask)
     done = tinysplat("poses", photos, "-o", tmp_path / "scene")
     assert done.returncode == 0, done.stderr
-    assert "wall.png" in done.stderr
-    scene = load_scene(tmp_path / "scene")
+    assert "wall.png" in done.stderr and "5 of 6 photos have no mask" in done.stderr
+    with pytest.warns(match="4 of 5 photos have no mask"):
+        scene = load_scene(tmp_path / "scene")
     assert len(scene.images()) == 5
+    known = [frame.known() for frame in scene.frames]
+    assert [v for v, its in enumerate(known) if its is not None] == [1]
+    np.testing.assert_allclose(known[1].mean(axis=1)[[10, HEIGHT // 4 + 10]], [0, 1], atol=0.05)
     found = np.stack([camera.centre for camera in scene.cameras])
     truth = np.stack([camera.centre for camera in cameras])
     unit = np.linalg.norm(truth[4] - truth[0]) / np.linalg.norm(found[4] - found[0])

@@ -8,9 +8,19 @@ import numpy as np
 import pycolmap
 import pytest
 from numpy.typing import NDArray
-from poses.walls import write_photos_of_walls
+from poses.walls import textured, write_photos_of_walls
 
-from tinysplat.poses.placing import Placement, coloured_points, contradicted, copies, pairs_of_many, place, uncertainty
+from tinysplat.poses.placing import (
+    MASKS,
+    Placement,
+    coloured_points,
+    contradicted,
+    copies,
+    pairs_of_many,
+    place,
+    uncertainty,
+)
+from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 
 
@@ -41,6 +51,24 @@ def test_photos_lie_where_they_were_taken(placed: tuple[NDArray, list[Placement]
     assert placement.wrong == frozenset() and placement.others == () and placement.uncertain == ()
     points, colours, errors = coloured_points(placement.model)
     assert len(points) == len(colours) == len(errors) > 50 and np.isfinite(errors).all()
+
+
+def test_what_masks_leave_out_tells_no_places(tmp_path: Path) -> None:
+    """What stays in place on all photos, as a photographer's shadow does, says that the camera did not move."""
+    truth = np.stack([camera.centre for camera in write_photos_of_walls(tmp_path / "photos", 5)])
+    window = np.s_[50:190, 70:250]
+    (tmp_path / MASKS).mkdir()
+    for path in sorted((tmp_path / "photos").iterdir()):
+        photo = read_image(path).copy()
+        photo[window] = textured(7)[window].astype(np.uint8)
+        write_png(path, photo)
+        mask = np.full(photo.shape[:2], 255, np.uint8)
+        mask[window] = 0
+        write_png(tmp_path / MASKS / f"{path.name}.png", mask)
+    found = centres(place(tmp_path / "photos", [f"{i}.png" for i in range(5)], tmp_path, 1, quiet=True))
+    unit = np.linalg.norm(truth[4] - truth[0]) / np.linalg.norm(found[4] - found[0])
+    steps = np.linalg.norm(np.diff(truth, axis=0), axis=1)
+    np.testing.assert_allclose(unit * np.linalg.norm(np.diff(found, axis=0), axis=1), steps, rtol=0.05)
 
 
 def test_a_photo_whose_matches_contradict_its_place_is_named(placed: tuple[NDArray, list[Placement], Path]) -> None:

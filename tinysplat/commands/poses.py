@@ -14,6 +14,7 @@ import numpy as np
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
 from tinysplat.poses.placing import (
+    MASKS,
     NonePlacedError,
     Placement,
     coloured_points,
@@ -29,9 +30,12 @@ from tinysplat_runtime.scene import heic
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import PHOTO_SUFFIXES
+from tinysplat_runtime.scene.images import PHOTO_SUFFIXES, image_size
 from tinysplat_runtime.scene.intake.depths import observed_range
+from tinysplat_runtime.scene.intake.masks import are_masks, masks_of
 from tinysplat_runtime.scene.intake.photos import photos_in
+from tinysplat_runtime.scene.masks import Mask
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.spacing import Spacing
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import progress
@@ -86,16 +90,17 @@ def run(args: Namespace) -> None:
     found = [] if is_video else _photo_names(source)
     _check_output(output)
     with tempfile.TemporaryDirectory() as work:
-        photos = Path(work) / "photos"
+        photos, masks = Path(work) / "photos", dict[str, Mask]()
         photos.mkdir()
         try:
             if is_video:
                 names, placement = _of_video(source, photos, args)
             else:
                 names = _copied(source, found, photos, quiet=args.quiet)
+                masks = _masks(source, names, photos)
                 placement = place(photos, list(names), Path(work), args.threads or -1, quiet=args.quiet)
             _check_placement(placement)
-            cameras, (near, far) = _write(output, photos, placement, quiet=args.quiet)
+            cameras, (near, far) = _write(output, photos, placement, masks, quiet=args.quiet)
         except InputError as error:
             where = (error.where or str(source)).replace(str(photos), str(source))
             raise InputError(error.message, where=where) from None
@@ -110,7 +115,7 @@ def run(args: Namespace) -> None:
 
 
 def _write(
-    output: Path, photos: Path, placement: Placement, *, quiet: bool
+    output: Path, photos: Path, placement: Placement, masks: Mapping[str, Mask], *, quiet: bool
 ) -> tuple[dict[str, Camera], tuple[float | None, float | None]]:
     """Write the scene of photos that were placed; their cameras by name, and near and far."""
     points, (entries, observations) = coloured_points(placement.model), placed_photos(placement.model)
@@ -118,7 +123,7 @@ def _write(
     w2c = np.array([entry["w2c"] for entry in entries])
     depths = observed_range(w2c, points[0], observations[kept[observations[:, 0]]])
     right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
-    cameras = write_folder(output, photos, right, depths, points, quiet=quiet)
+    cameras = write_folder(output, photos, right, depths, points, masks, quiet=quiet)
     return cameras, depths
 
 
@@ -218,12 +223,28 @@ def _copied(source: Path, found: Sequence[str], photos: Path, *, quiet: bool) ->
     return {copy: name for name, copy in called.items()}
 
 
+def _masks(source: Path, names: Mapping[str, str], photos: Path) -> dict[str, Mask]:
+    """Masks of photos by what these are called in `photos`, for COLMAP beside that folder, too."""
+    found = masks_of([source / own for own in names.values()], source.parent)
+    masks = {copy: mask for copy, mask in zip(names, found, strict=True) if mask is not None}
+    if masks:  # COLMAP then wants one of every photo
+        folder = photos.with_name(MASKS)
+        folder.mkdir()
+        for copy in names:
+            size = image_size(photos / copy)
+            kept = masks[copy].kept(*size) if copy in masks else np.full(size, 255, np.uint8)
+            write_png(folder / f"{copy}.png", kept)
+    return masks
+
+
 def _photo_names(folder: Path) -> list[str]:
     """Names of the photos in a folder; says which are HEIC that cannot be read."""
     if not folder.is_dir():
         fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({KINDS})"
         raise InputError(fault, where=str(folder))
     names = [path.name for path in photos_in(folder)]
+    masks = are_masks(names)
+    names = [name for name in names if name not in masks]
     heics = [] if heic.is_installed() else [name for name in names if name.lower().endswith(heic.SUFFIXES)]
     readable = [name for name in names if name not in heics]
     if heics:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_ent
 from tinysplat_runtime.scene.intake.nerfstudio import FILE as TRANSFORMS_FILE
 from tinysplat_runtime.scene.intake.nerfstudio import OPENGL_TO_OPENCV
 from tinysplat_runtime.scene.lenses import Lens
+from tinysplat_runtime.scene.masks import Mask
+from tinysplat_runtime.scene.pictures import png_bytes
 from tinysplat_runtime.scene.resampling import resize_cover
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.jsonfields import JsonObject
@@ -41,6 +44,7 @@ def write_folder(
     entries: Sequence[JsonObject],
     depths: tuple[float | None, float | None],
     points: Points,
+    masks: Mapping[str, Mask] = MappingProxyType({}),
     *,
     quiet: bool,
 ) -> dict[str, Camera]:
@@ -52,6 +56,7 @@ def write_folder(
         entries: what `placing.placed_photos` says of each.
         depths: near and far, None where they are unknown.
         points: of the surfaces.
+        masks: of photos, by their names; what is transparent stays so, others are written beside the photos.
         quiet: whether to show no progress.
 
     Returns:
@@ -62,13 +67,16 @@ def write_folder(
     try:
         order = sorted(entries, key=lambda entry: str(entry["name"]))
         frames = [
-            _written(output, photos, entry)
+            _written(output, photos, entry, masks.get(str(entry["name"])))
             for entry in progress(order, len(order), "taking distortion out", quiet=quiet)
         ]
         near, far = depths
         ours = [{**camera_entry(file, camera), "taken_with": lens_entry(lens)} for file, camera, lens in frames]
         _write_json(output / CAMERAS_FILE, {"near": near, "far": far, "frames": ours})
-        _write_json(output / TRANSFORMS_FILE, transforms([(file, camera) for file, camera, _ in frames], depths))
+        masked = {file for file, _, _ in frames if (output / mask_file(file)).is_file()}
+        _write_json(
+            output / TRANSFORMS_FILE, transforms([(file, camera) for file, camera, _ in frames], depths, masked)
+        )
         (output / "sparse/0").mkdir(parents=True)
         for name, text in colmap_texts([(file, camera) for file, camera, _ in frames], points).items():
             write_atomically(output / "sparse/0" / name, text.encode())
@@ -79,7 +87,7 @@ def write_folder(
     return {str(entry["name"]): camera for entry, (_, camera, _) in zip(order, frames, strict=True)}
 
 
-def _written(output: Path, photos: Path, entry: JsonObject) -> tuple[str, Camera, Lens]:
+def _written(output: Path, photos: Path, entry: JsonObject, mask: Mask | None) -> tuple[str, Camera, Lens]:
     """A photo without distortion, of its own kind; its place in the folder, its camera and its lens.
 
     It is of its own size, or of a half or a quarter of that, where it has more than `MOST_PIXELS`.
@@ -95,16 +103,33 @@ def _written(output: Path, photos: Path, entry: JsonObject) -> tuple[str, Camera
     taken = lens.scaled(photo.shape[1], photo.shape[0])
     view = taken.camera(np.linalg.inv(np.vstack([entry["w2c"], [0, 0, 0, 1]])))
     file = f"images/{name}"
-    write_atomically(output / file, encoded(resize_cover(taken.undistort(photo), *kept), file))
+    picture = resize_cover(taken.undistort(photo), *kept)
+    if mask is not None:
+        levels = taken.undistort(np.repeat(mask.kept(*photo.shape[:2])[..., None], 3, axis=2))
+        counts = resize_cover(levels, *kept)[..., :1] >= 0.5
+        if mask.is_opacity:
+            picture = np.concatenate([picture, counts], axis=2)
+        else:
+            path = output / mask_file(file)
+            path.parent.mkdir(exist_ok=True)
+            write_atomically(path, png_bytes(counts[..., 0].astype(np.float32)))
+    write_atomically(output / file, encoded(picture, file))
     return file, view.resized(*kept), lens
+
+
+def mask_file(photo: str) -> str:
+    """Where the mask of a photo `images/NAME` is, as COLMAP has it."""
+    return f"masks/{photo.removeprefix('images/')}.png"
 
 
 def _write_json(path: Path, document: JsonObject) -> None:
     write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
-def transforms(frames: Sequence[tuple[str, Camera]], depths: tuple[float | None, float | None]) -> JsonObject:
-    """A `transforms.json` of photos and their cameras."""
+def transforms(
+    frames: Sequence[tuple[str, Camera]], depths: tuple[float | None, float | None], masked: Set[str] = frozenset()
+) -> JsonObject:
+    """A `transforms.json` of photos and their cameras, and of those that are `masked` where their masks are."""
     entries = [
         {
             "file_path": file,
@@ -115,6 +140,7 @@ def transforms(frames: Sequence[tuple[str, Camera]], depths: tuple[float | None,
             "cx": camera.K[0, 2],
             "cy": camera.K[1, 2],
             "transform_matrix": (camera.c2w @ OPENGL_TO_OPENCV).tolist(),
+            **({"mask_path": mask_file(file)} if file in masked else {}),
         }
         for file, camera in frames
     ]

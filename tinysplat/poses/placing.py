@@ -33,6 +33,9 @@ from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.progress import progress, working
 
+MASKS = "masks"
+"""Folder of masks beside that of photos."""
+
 FEW, ALL_PAIRS = 40, 100
 """Photos that are compared each with each at once, and again where some of them could not be placed."""
 
@@ -141,7 +144,8 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
         photos: their folder; they are as stored, whatever their Exif orientation.
         names: in the order in which they were taken, where that is known.
         work: an empty folder for what is found on the way, or that of a call with some of these photos, whose features
-            and matches are used again.
+            and matches are used again. Where it has a folder `MASKS`, that has a picture for every photo, named as the
+            photo is, with another `.png`, and black where no features count.
         threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
         quiet: whether to show no progress.
 
@@ -181,6 +185,8 @@ def _find_features(photos: Path, names: Sequence[str], database: Path, threads: 
     extraction.sift.max_num_features = _SMALL_FEATURES if is_small else _FEATURES
     extraction.sift.first_octave = -1 if is_small else 0
     reading = pycolmap.ImageReaderOptions()
+    if (masks := database.with_name(MASKS)).is_dir():
+        reading.mask_path = masks
     with pycolmap.Database.open(database) as opened:
         if opened.num_cameras() == 1 and len(sizes) == 1:
             reading.existing_camera_id = opened.read_all_cameras()[0].camera_id

@@ -15,6 +15,10 @@ from ..system.files import StrPath, write_atomically
 _RGB_TO_JPEG = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])  # JFIF
 
 
+_FORMATS = {(): "gray", (3,): "rgb24", (4,): "rgba"}
+"""By an image's shape after its rows and columns, libavutil's name."""
+
+
 def write_png(path: StrPath, image: NDArray) -> None:
     """Write a PNG file, atomically; see `png_bytes` for the image.
 
@@ -33,19 +37,17 @@ def png_bytes(image: NDArray) -> bytes:
     """An image as a PNG file's bytes.
 
     Args:
-        image: (H, W, 3) RGB or (H, W) grey; uint8, or floating point in [0, 1], which is clipped and rounded. Grey of
-            uint16 gives 16 bits a sample.
+        image: (H, W, 3) RGB, (H, W, 4) with opacities, or (H, W) grey; uint8, or floating point in [0, 1], which is
+            clipped and rounded. Grey of uint16 gives 16 bits a sample.
 
     Raises:
         InputError: another shape or type, or NaN.
     """
     deep = np.asarray(image).dtype == np.uint16 and np.ndim(image) == 2
     pixels = np.ascontiguousarray(image) if deep else to_uint8(image)
-    if pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)) or 0 in pixels.shape:
-        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3) or (H, W)")
-    frame: Any = av.VideoFrame.from_ndarray(
-        pixels, format="gray16le" if deep else "rgb24" if pixels.ndim == 3 else "gray"
-    )
+    if pixels.ndim not in (2, 3) or pixels.shape[2:] not in _FORMATS or 0 in pixels.shape:
+        raise InputError(f"image of shape {pixels.shape}, expected (H, W, 3), (H, W, 4) or (H, W)")
+    frame: Any = av.VideoFrame.from_ndarray(pixels, format="gray16le" if deep else _FORMATS[pixels.shape[2:]])
     # Level 6, zlib's own, takes four times as long (18 ms for 256×256) for 5 % fewer bytes.
     options = {"pred": "mixed", "compression_level": "4"}
     return _coded(frame.reformat(format="gray16be") if deep else frame, "png", options)  # PNG is big-endian

@@ -8,7 +8,7 @@ there is nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path, PurePosixPath
@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from ...errors import warn
 from ..images import is_transparent
 from ..masks import Mask
-from ..scenes import Frame, Scene
+from ..scenes import Scene
 from .photos import find_folder, find_photo, is_photo, is_there
 
 FOLDERS = ("masks", "mask")
@@ -30,44 +30,49 @@ _MOST_MASKS = 1 << 17  # that are looked at in a folder
 
 def with_masks(scene: Scene) -> Scene:
     """A scene whose frames have the masks that are there; those that fit no photo, and photos without, are said."""
-    folders: dict[Path, None] = {}
-    masks = [_mask(frame, scene.path, folders) for frame in scene.frames]
-    given = {mask.path for mask in masks if mask and not mask.is_opacity}
-    inside = (path for folder in folders for path in islice(sorted(folder.rglob("*")), _MOST_MASKS))
-    there = [path for path in inside if is_photo(path.name)]
-    unfit = [path.name for path in there if path not in given]
-    if unfit:
-        warn(f"{scene.path}: {len(unfit)} of {len(there)} masks fit no photo and are not used ({_listed(unfit)})")
-    bare = [frame.path.name for frame, mask in zip(scene.frames, masks, strict=True) if mask is None]
-    if given and bare:
-        said = f"{len(bare)} of {len(masks)} photos have no mask and count as they are"
-        warn(f"{scene.path}: {said} ({_listed(bare)})")
+    named = [frame.mask if frame.mask and is_there(frame.mask.path) else None for frame in scene.frames]
+    masks = masks_of([frame.path for frame in scene.frames], scene.path, named)
     pairs = zip(scene.frames, masks, strict=True)
     return replace(
-        scene, frames=tuple(frame if mask is frame.mask else replace(frame, mask=mask) for frame, mask in pairs)
+        scene, frames=tuple(frame if frame.mask == mask else replace(frame, mask=mask) for frame, mask in pairs)
     )
 
 
-def mask_of(photo: Path, root: Path, folders: dict[Path, None] | None = None) -> Mask | None:
-    """What says which pixels of a photo count, None where all do.
+def masks_of(photos: Sequence[Path], root: Path, named: Sequence[Mask | None] = ()) -> list[Mask | None]:
+    """What says which pixels of photos count, None where all do; says what fits no photo, and photos without a mask.
 
     Args:
-        photo: the file.
+        photos: the files.
         root: the folder up to which folders of masks are sought.
-        folders: those that there are are added to it.
+        named: masks that are known already, None where they are not.
     """
-    for path in _places(photo, root, {} if folders is None else folders):
+    folders: dict[Path, None] = {}
+    known = named or [None] * len(photos)
+    masks = [own or _mask_of(photo, root, folders) for photo, own in zip(photos, known, strict=True)]
+    given = {mask.path for mask in masks if mask and not mask.is_opacity}
+    inside = (path for folder in folders for path in islice(sorted(folder.rglob("*")), _MOST_MASKS))
+    there = [path for path in inside if is_photo(path.name)]
+    if unfit := [path.name for path in there if path not in given]:
+        warn(f"{root}: {len(unfit)} of {len(there)} masks fit no photo and are not used ({_listed(unfit)})")
+    bare = [photo.name for photo, mask in zip(photos, masks, strict=True) if mask is None]
+    if given and bare:
+        warn(f"{root}: {len(bare)} of {len(masks)} photos have no mask and count as they are ({_listed(bare)})")
+    return masks
+
+
+def are_masks(names: Collection[str]) -> set[str]:
+    """Those of a folder's names that are masks of other photos in it."""
+    stems, every = {Path(name).stem for name in names}, set(names)
+    ended = {name for name in names for end in ENDS if Path(name).stem.removesuffix(end) in stems - {Path(name).stem}}
+    return ended | {name for name in names if Path(name).suffix == ".png" and Path(name).stem in every}
+
+
+def _mask_of(photo: Path, root: Path, folders: dict[Path, None]) -> Mask | None:
+    """The mask of a photo; folders of masks that there are are added to `folders`."""
+    for path in _places(photo, root, folders):
         if is_there(path):
             return Mask(path, is_background=False)
     return Mask(photo, is_background=True, is_opacity=True) if is_transparent(photo) else None
-
-
-def _mask(frame: Frame, root: Path, folders: dict[Path, None]) -> Mask | None:
-    if frame.video is not None:
-        return None
-    if frame.mask is not None and is_there(frame.mask.path):
-        return frame.mask
-    return mask_of(frame.path, root, folders)
 
 
 def _places(photo: Path, root: Path, folders: dict[Path, None]) -> Iterator[Path]:
