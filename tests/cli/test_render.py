@@ -9,6 +9,7 @@ import av
 import console
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 from scenes import make_cameras, make_list, make_smooth_gaussians, scene_document, tells
 
@@ -48,6 +49,17 @@ def test_depths_are_red_near_blue_far_and_green_halfway_in_inverse_depth() -> No
     assert [found.argmax() for found in (near, middle, far)] == [0, 1, 2] and not nothing.any()
 
 
+def test_where_nothing_is_the_background_shows(folder: Path, tmp_path: Path) -> None:
+    def picture(*words: object) -> NDArray:
+        console.succeed("render", folder / "free.ply", "-o", tmp_path / "o.png", "--force", "-q", *words)
+        return read_image(tmp_path / "o.png")
+
+    black, white, named = picture(), picture("--background", "white"), picture("--background", "#ff8000")
+    nothing = ~black.any(axis=2)
+    assert nothing.any() and (white[nothing] == 255).all() and (named[nothing] == (255, 128, 0)).all()
+    assert (white >= black).all()
+
+
 def test_a_video_has_the_frames_asked_for_and_of_more_views_more(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "many.json").write_text(json.dumps(scene_document(make_cameras(12, 16, 24))))
 
@@ -73,6 +85,7 @@ def test_a_video_has_the_frames_asked_for_and_of_more_views_more(folder: Path, t
         ("g.npz -o o.png --camera cameras.json:5", "--camera"),
         ("g.npz -o o.mp4 --camera 1", "--camera"),
         ("free.ply -o o.mp4 --path between", "--path"),
+        ("g.npz -o o.png --background greenish", "--background 'greenish' #rrggbb"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, line: str) -> None:

@@ -83,6 +83,9 @@ def test_photos_and_cameras_are_in_the_page() -> None:
     kind, _, data = scene["photos"]["1"].partition(",")
     assert kind.startswith("data:image/") and list(scene["photos"]) == ["1"]
     assert psnr(np.array(Image.open(io.BytesIO(base64.b64decode(data)))) / 255, photo / 255) > 25
+    assert "background" not in scene
+    on_white = json.loads(Elements(scene_page(b"", Shown("", background=(1.0, 1.0, 1.0)))).texts["scene"])
+    assert on_white["background"] == [1, 1, 1]
     view = scene["cameras"][0]
     assert (view["width"], view["fx"], view["c2w"]) == (32, camera.K[0, 0], camera.c2w.reshape(-1).tolist())
 

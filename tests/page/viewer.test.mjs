@@ -212,3 +212,13 @@ test("a bare page draws no lines and fades nothing, as render does", () => {
   });
   assert.ok(usual.lines && usual.fades && !bare.lines && !bare.fades);
 });
+
+test("where nothing is shows the background that is told, and no surroundings of the picture", () => {
+  const viewer = made(VIEWS, { cloud: cloudOf(0, { ground: [0.2, 0.3, 0.4] }) });
+  assert.deepEqual(viewer.drawing().ground, [0.2, 0.3, 0.4]);
+  viewer.background = [1, 1, 1];
+  const { ground, isFramed } = viewer.drawing();
+  assert.deepEqual([ground, isFramed], [[1, 1, 1], false]);
+  viewer.settings.depth = true;
+  assert.deepEqual(viewer.drawing().ground, [0, 0, 0]);
+});

@@ -33,6 +33,7 @@ byte_count = _word("byte_count")
 budget = _word("refinement")
 positive = _word("positive")
 count = _word("count")
+colour = _word("colour")
 
 
 def port(text: str) -> int:

@@ -12,9 +12,10 @@ from typing import Any, NoReturn, TypeAlias
 
 from .. import __version__
 from ..errors import InputError
-from .arguments import byte_count, count, grid, port, positive, size
+from .arguments import byte_count, colour, count, grid, port, positive, size
 from .options import Container, add_options, add_provider, add_threads
 
+_COLOUR = "where nothing is: white, black or #rrggbb"
 _GAUSSIAN_FILES = ".npz, .ply, … (docs/FORMATS.md)"
 
 _EPILOG = "exit status: 0 done | 2 the input is at fault | 130 interrupted | 1 a fault of ours"
@@ -167,6 +168,7 @@ def _render(commands: Commands) -> None:
     parser.add_argument("--path", choices=("between", "orbit"), help="of a video; default between")
     parser.add_argument("--frames", type=count, metavar="N", help="of a video; 60, of a capture 8 a view")
     parser.add_argument("--size", type=size, metavar="WxH", help="of pictures; default: the camera's")
+    parser.add_argument("--background", type=colour, default=(0, 0, 0), metavar="COLOUR", help=f"{_COLOUR}; black")
     parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
     parser.add_argument("--depth-values", action="store_true", help="depth as numbers (z, 16-bit PNG)")
     more = parser.add_argument_group("more")
@@ -237,6 +239,9 @@ def _view(commands: Commands) -> None:
     )
     parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
+    parser.add_argument(
+        "--background", type=colour, metavar="COLOUR", help=f"{_COLOUR}; default: of the scene's own colours"
+    )
     parser.add_argument("--port", type=port, default=0, metavar="N", help="where to serve; default: any free port")
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
     _quiet(parser)

@@ -50,7 +50,8 @@ def render(args: Namespace) -> None:
     if suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):
-            image = renderer.render(camera, args.size, outputs=("depth",) if wants_depth else ("rgb",))
+            wanted = ("depth",) if wants_depth else ("rgb",)
+            image = renderer.render(camera, args.size, outputs=wanted, background=args.background)
         if wants_depth:
             image = (
                 depth_map(args.output, image["depth"], args.depth_scale)
@@ -64,7 +65,7 @@ def render(args: Namespace) -> None:
         path = _camera_path(gaussians, args.file, args.camera, args.path, args.frames)
         with watch.stage("render"):
             # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
-            frames = (renderer.render(camera, args.size) for camera in path)
+            frames = (renderer.render(camera, args.size, background=args.background) for camera in path)
             write_video(args.output, voice.progress("render", frames, total=len(path)))
     if args.report:
         from ..container.inspection import inspect_bytes

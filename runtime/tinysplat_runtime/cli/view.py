@@ -66,7 +66,7 @@ def view(args: Namespace) -> None:
         path = args.html or args.output
         if args.as_files and path is None:
             raise InputError("goes with --html FOLDER", where="--files")
-        content = Content.of(args.file, args.cameras, args.photos)
+        content = Content.of(args.file, args.cameras, args.photos, args.background)
         if path is None:
             source = SCENE if content.view_count > FEW else None
             parts = {} if source is None else {source: content.data}
@@ -116,18 +116,26 @@ class Content:
     shown: Shown
 
     @classmethod
-    def of(cls, file: str, cameras_file: str | None, photos_of: str | None) -> Content:
+    def of(
+        cls,
+        file: str,
+        cameras_file: str | None,
+        photos_of: str | None,
+        background: tuple[float, float, float] | None = None,
+    ) -> Content:
         """Of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
         data, views = _file(file)
         cameras = load_cameras(cameras_file) if cameras_file and not views else []
         photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
         first = front_view(views or cameras)
-        poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views))
+        poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views), background)
         title = printable(Path(file).stem)
-        return cls(data, len(views), Shown(title, cameras, photos, first, poster))
+        return cls(data, len(views), Shown(title, cameras, photos, first, poster, background))
 
 
-def _poster(data: bytes, camera: Camera | None, has_views: bool) -> NDArray:
+def _poster(
+    data: bytes, camera: Camera | None, has_views: bool, background: tuple[float, float, float] | None
+) -> NDArray:
     """The picture (H, W, 3) from a camera, of a capture by the views next to it alone; of a list, from the front where
     there is none.
     """
@@ -140,7 +148,8 @@ def _poster(data: bytes, camera: Camera | None, has_views: bool) -> NDArray:
         camera = camera or front_of(gaussians)
     scale = min(1.0, POSTER_SIDE / max(camera.height, camera.width))
     small = camera.resized(round(scale * camera.height), round(scale * camera.width))
-    return Renderer(gaussians).render(small)
+    picture: NDArray = Renderer(gaussians).render(small, background=background or (0, 0, 0))
+    return picture
 
 
 def serve(

@@ -63,6 +63,7 @@ class Shown:
         photos: (H, W, 3) in [0, 1] or uint8, by index of the file's views or `cameras`.
         first: the view that the page begins at.
         poster: (H, W, 3) in [0, 1] or uint8, that view's picture, shown until the scene is drawn.
+        background: colour in [0, 1] where nothing is; None for what goes with the scene's own.
     """
 
     title: str
@@ -70,6 +71,7 @@ class Shown:
     photos: Mapping[int, NDArray] = field(default_factory=dict)
     first: int = 0
     poster: NDArray | None = None
+    background: tuple[float, float, float] | None = None
 
 
 def scene_page(data: bytes, shown: Shown, source: str | None = None) -> str:
@@ -151,7 +153,8 @@ def scripts_digest(texts: tuple[str, str]) -> str:
 def _scene(shown: Shown, photos: Mapping[int, str], source: str | None) -> dict[str, object]:
     """What the page's script is told; photos by their addresses."""
     own = [_camera(camera) for camera in shown.cameras]
-    return {"cameras": own, "isPlayer": False, "first": shown.first, "photos": dict(photos), "source": source}
+    said = {"cameras": own, "isPlayer": False, "first": shown.first, "photos": dict(photos), "source": source}
+    return said if shown.background is None else {**said, "background": shown.background}
 
 
 def _page(

@@ -201,7 +201,7 @@ class Page {
     this.viewer = new Viewer(find("view"), {
       drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
       near: (wanted) => this.capture?.look(wanted), rested: () => this.#rested(),
-    }, { isBare, isEmbedded, isStill });
+    }, { isBare, isEmbedded, isStill, background: given.background });
     for (const name of ["popstate", "hashchange"]) addEventListener(name, () => this.#follow());
     this.viewer.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.viewer.lose(); });
     this.viewer.canvas.addEventListener("webglcontextrestored", () => { this.isAgain = true; this.reopen?.()?.catch((error) => this.fail(error)); });

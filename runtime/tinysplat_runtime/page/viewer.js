@@ -20,12 +20,12 @@ const MOST_RATIO = 3; // pixels of a canvas to one of the page's
 const FOLLOW = 0.12; // of margins, that a frame on the way to another place brings nearer to its own colours
 
 export class Viewer {
-  canvas; told; isBare; isStill; share; last; time; isFree; scene; cloud; splats;
+  canvas; told; isBare; isStill; background; share; last; time; isFree; scene; cloud; splats;
   // canvas; told: { drawn, moved, touched, near, rested }, called after a frame, after movements, before the first of
   // them, with the views that are wanted when the camera is or goes elsewhere (capture.js), and when all has come to rest.
-  // isBare: pictures as the rasteriser's, and nothing moves by itself.
-  constructor(canvas, told, { isBare, isEmbedded, isStill }) {
-    Object.assign(this, { canvas, told, isBare, isStill, share: 1, last: 0, time: 0, isFree: false });
+  // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
+  constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
+    Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false });
     this.settings = { degree: 4, leastOpacity: 0, depth: false, lines: false, ownPixels: true, nearFirst: true };
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
@@ -265,11 +265,11 @@ export class Viewer {
   drawing() {
     const { settings, bound, isBare } = this, isNear = bound && !this.isFree;
     const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
-    const isFramed = isNear && !isBare && !settings.depth;
+    const isFramed = isNear && !isBare && !settings.depth && !this.background; // else its surroundings continue the picture
     return {
       nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels, degree: Math.min(settings.degree, Math.sqrt(this.cloud.functions) - 1),
       leastOpacity: settings.leastOpacity, depth: settings.depth, lines: settings.lines && !isBare ? this.lines : null,
-      fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: isBare || settings.depth ? [0, 0, 0] : this.cloud.ground,
+      fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: settings.depth ? [0, 0, 0] : this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground),
       isFramed, follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
     };
   }

@@ -279,6 +279,19 @@ def bits(given: object) -> tuple[int, int]:
     return both[0], both[1]
 
 
+def colour(given: object) -> tuple[float, float, float]:
+    """`white`, `black`, `#rrggbb` or three numbers of 0 to 1 to these numbers."""
+    named = {"white": "#ffffff", "black": "#000000"}.get(given, given) if isinstance(given, str) else given
+    with contextlib.suppress(ValueError, TypeError):
+        if isinstance(named, str):
+            levels = [level / 255 for level in bytes.fromhex(named.removeprefix("#"))]
+        else:
+            levels = [float(level) for level in named]  # type: ignore[attr-defined]
+        if len(levels) == 3 and all(0 <= level <= 1 for level in levels):
+            return levels[0], levels[1], levels[2]
+    raise _refused(given, "white, black or #rrggbb")
+
+
 def byte_count(given: object) -> int:
     """`100KB`, `1.5 MiB` or `4096` to bytes; KB is 1000."""
     if not isinstance(given, str):
