@@ -14,7 +14,7 @@ from tinysplat_runtime.refine.settings import LIMITS
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOGIT
+from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOGIT
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
 from tinysplat_runtime.system.threads import Crew

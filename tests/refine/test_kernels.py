@@ -21,7 +21,7 @@ from tinysplat_runtime.refine.price import plane_prices
 from tinysplat_runtime.refine.schedule import held_back, order, turn
 from tinysplat_runtime.refine.settings import Settings
 from tinysplat_runtime.render.gradient import MovableGaussians
-from tinysplat_runtime.render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
+from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
 from tinysplat_runtime.system.threads import Crew

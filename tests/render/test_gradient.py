@@ -20,7 +20,8 @@ from scenes import make_cameras, make_gaussians, photographed
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_gradient import BLOCK, LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
+from tinysplat_runtime.render.kernels_gradient import BLOCK
+from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from tinysplat_runtime.render.near import Shares
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew

@@ -14,7 +14,7 @@ from scenes import make_gaussians
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_gradient import SH_RED
+from tinysplat_runtime.render.kernels_place import SH_RED
 from tinysplat_runtime.system.threads import Crew
 
 RUN = Crew(1).map

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render.gradient import MovableGaussians, Target
-from ..render.kernels_gradient import VALUES
+from ..render.kernels_place import VALUES
 from ..scene.cameras import Camera
 from ..system import disk
 from .settings import LIMITS

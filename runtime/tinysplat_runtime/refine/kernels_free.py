@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0, band_1, band_2
 from ..render.kernels_blend import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_chain import Moved
-from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW, exp, place_looks
+from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
+from ..render.kernels_place import exp, place_looks
 from ..render.kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, RED, ViewNumbers
 from ..system.kernels_compile import Number, compiled
 

@@ -12,7 +12,7 @@ from ..codec.profiles import ADAPTIVE, AdaptiveSettings, Profile
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import PlaneClass
 from ..render.gradient import Grid
-from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
+from ..render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from ..system import disk
 from . import kernels
 

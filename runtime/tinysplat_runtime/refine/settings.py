@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ..render.kernels_gradient import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
+from ..render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from ..render.near import FEW
 
 

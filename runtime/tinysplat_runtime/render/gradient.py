@@ -26,10 +26,11 @@ from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..system import disk
 from ..system.decibels import decibels
-from . import kernels_chain, kernels_gradient
+from . import kernels_chain, kernels_gradient, kernels_place
 from .kernels_blend import Extent, Listed, Scratch, Visible
 from .kernels_chain import Moved
-from .kernels_gradient import BASE, LOG_DEPTH, LOG_SIZE, LOGIT, PAIR, SH_RED, SUMS, VALUES, Exposure, Sought
+from .kernels_gradient import PAIR, SUMS, Exposure, Sought
+from .kernels_place import BASE, LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from .kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers, TileLists, view_numbers
 from .near import NearViews, Shares
@@ -335,7 +336,7 @@ class MovableGaussians:
 
     def _project(self, placed: _Placed, view: View, shares: Shares) -> Visible:
         piece, geometry = placed.piece, placed.geometry
-        kernels_gradient.place(piece.base, piece.centre, self.values, piece.start, geometry, piece.sh)
+        kernels_place.place(piece.base, piece.centre, self.values, piece.start, geometry, piece.sh)
         chunks = Chunks(placed.start, geometry.ravel(), piece.sh, lambda: self._block(placed))
         return self._comparer.buffers.project(chunks, view, *shares.of(piece.grid.view, piece.grid.layer == 0))
 

@@ -19,22 +19,8 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0
 from ..system.kernels_compile import Number, compiled
 from .kernels_blend import Tiles, Visible, rows_of, tiles_of
-from .kernels_gradient import (
-    BY_RED,
-    LOG_DEPTH,
-    LOG_SIZE,
-    LOGIT,
-    PAIR,
-    PULL,
-    PULL_U,
-    PULL_UU,
-    PULL_UW,
-    PULL_W,
-    PULL_WW,
-    SH_RED,
-    VALUES,
-    exp,
-)
+from .kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
+from .kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES, exp
 from .kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, OWN_PIXEL, RED, ViewNumbers, clipped
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE
 
