@@ -6,7 +6,7 @@ Opacity counts as a fourth colour, so that nothing is left out for being as blac
 what the pixel lets through in the end.
 
 A tile is blended as for a picture, and its state is walked again front to back; each pair of tile and splat has a
-place of its own for its sums (`kernels_blend.list_by_tile`), so that results do not depend on threads.
+place of its own for its sums (`kernels_list.list_by_tile`), so that results do not depend on threads.
 """
 
 from __future__ import annotations
@@ -21,21 +21,16 @@ from ..render.kernels_blend import (
     AHEAD,
     LANES,
     ROW,
-    TILE_WIDTH,
     Extent,
-    Listed,
     Scratch,
-    Tiles,
-    Visible,
     alpha_at,
     blend,
     blend_tile,
     box,
     bring_near,
     columns_in,
-    rows_of,
-    tiles_of,
 )
+from ..render.kernels_list import TILE_WIDTH, Listed, Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LOG_OPACITY, REACH, RED, X, Y
 from ..render.prepare import ALPHA_MIN
 from ..system.kernels_compile import Number, compiled, summing
@@ -154,7 +149,7 @@ def add_up(seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, sums: NDA
     """Add the sums of a block's pairs by Gaussian.
 
     Args:
-        seen, tiles: as `kernels_blend.list_by_tile` was given them.
+        seen, tiles: as `kernels_list.list_by_tile` was given them.
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 5) float32.
         sums: (rows, 5) float32, of all blocks, added to.

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
 from ..render.compiled import pack
-from ..render.kernels_blend import Extent, Listed, Picture, Scratch, Visible, composite_tile
+from ..render.kernels_blend import Extent, Picture, Scratch, composite_tile
+from ..render.kernels_list import Listed, Visible
 from ..render.kernels_project import CHUNK
 from ..render.lists import Chunks, SplatBuffers, TileLists
 from ..render.prepare import parts

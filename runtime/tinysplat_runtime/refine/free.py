@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, Comparer, PhotoError, Target
-from ..render.kernels_blend import Visible
 from ..render.kernels_chain import Moved
 from ..render.kernels_gradient import Exposure, Sought
+from ..render.kernels_list import Visible
 from ..render.kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from ..render.lists import Chunks, TileLists, view_numbers
 from ..render.prepare import BLOCK_SIZE, Block

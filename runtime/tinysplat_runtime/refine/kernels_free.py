@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, band_1, band_2
-from ..render.kernels_blend import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_chain import Moved
 from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
+from ..render.kernels_list import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_place import exp, place_looks
 from ..render.kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, RED, ViewNumbers
 from ..system.kernels_compile import Number, compiled
@@ -96,7 +96,7 @@ def add_up(
     """Add a block's gradients with respect to its values, of one picture.
 
     Args:
-        records, seen, tiles: as `kernels_blend.list_by_tile` was given them.
+        records, seen, tiles: as `kernels_list.list_by_tile` was given them.
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 9) float32.
         block: the Gaussians, of `values_of` values each; `centre` says nothing here.

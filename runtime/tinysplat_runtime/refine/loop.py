@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0
 from ..render import between
 from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
-from ..render.kernels_blend import TILE_HEIGHT, TILE_WIDTH
+from ..render.kernels_list import TILE_HEIGHT, TILE_WIDTH
 from ..render.kernels_place import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
 from ..scene.cameras import Camera

@@ -16,9 +16,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from . import kernels_blend
+from . import kernels_blend, kernels_list
 from .composite import Canvas
-from .kernels_blend import Extent, Listed, Picture, Scratch
+from .kernels_blend import Extent, Picture, Scratch
+from .kernels_list import Listed
 from .kernels_project import AXES, CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers
 from .near import Shares
@@ -53,7 +54,7 @@ class Rasteriser:
         else:
             buffers, packed = self._shown(drawn, view)
 
-        def project(number_and_chunks: tuple[int, Packed]) -> kernels_blend.Visible:
+        def project(number_and_chunks: tuple[int, Packed]) -> kernels_list.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
             return buffers.project(chunks(), view, *shares.of(of.view, of.is_surface, of.is_coarse))

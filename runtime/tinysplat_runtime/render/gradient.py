@@ -27,9 +27,10 @@ from ..scene.cameras import Camera
 from ..system import disk
 from ..system.decibels import decibels
 from . import kernels_chain, kernels_gradient, kernels_place
-from .kernels_blend import Extent, Listed, Scratch, Visible
+from .kernels_blend import Extent, Scratch
 from .kernels_chain import Moved
 from .kernels_gradient import PAIR, SUMS, Exposure, Sought
+from .kernels_list import Listed, Visible
 from .kernels_place import BASE, LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES
 from .kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers, TileLists, view_numbers

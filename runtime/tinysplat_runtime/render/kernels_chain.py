@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ..gaussian.sh import C0
 from ..system.kernels_compile import Number, compiled
-from .kernels_blend import Tiles, Visible, rows_of, tiles_of
 from .kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
+from .kernels_list import Tiles, Visible, rows_of, tiles_of
 from .kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED, VALUES, exp
 from .kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, OWN_PIXEL, RED, ViewNumbers, clipped
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE
@@ -55,7 +55,7 @@ def add_up(
     """Add a block's gradients with respect to its values, of one photo.
 
     Args:
-        records, seen, tiles: as `kernels_blend.list_by_tile` was given them.
+        records, seen, tiles: as `kernels_list.list_by_tile` was given them.
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 9) float32.
         block: the Gaussians.

@@ -22,10 +22,7 @@ from .kernels_blend import (
     LANES,
     PLANES,
     ROW,
-    TILE_HEIGHT,
-    TILE_WIDTH,
     Extent,
-    Listed,
     Scratch,
     alpha_at,
     blend,
@@ -34,6 +31,7 @@ from .kernels_blend import (
     bring_near,
     columns_in,
 )
+from .kernels_list import TILE_HEIGHT, TILE_WIDTH, Listed
 from .kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LAST, LOG_OPACITY, REACH, RED, X, Y
 from .prepare import ALPHA_MIN
 

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import kernels_blend, kernels_project
-from .kernels_blend import TILE_HEIGHT, TILE_WIDTH, Extent, Listed, Scratch, Tiles, Visible
+from . import kernels_blend, kernels_list, kernels_project
+from .kernels_blend import Extent, Scratch
+from .kernels_list import TILE_HEIGHT, TILE_WIDTH, Listed, Tiles, Visible
 from .kernels_project import BOTTOM, GAMMA, LAST, LEFT, LOG_OPACITY, REACH, RECORD, RIGHT, TOP, ViewNumbers
 from .prepare import Block
 from .project import View, footprint_exponent, jacobian_limits, pixels_between, wide_shapes
@@ -51,7 +52,7 @@ class TileLists:
         tiles: which.
         bounds: (tiles + 1,) int64 where each list begins.
         starts: (blocks, tiles) int64 where each block's part of it begins.
-        keys, rows: as `kernels_blend.list_by_tile` writes them.
+        keys, rows: as `kernels_list.list_by_tile` writes them.
     """
 
     tiles: Tiles
@@ -131,7 +132,7 @@ class SplatBuffers:
             found = TileLists(tiles, bounds, starts, np.empty(bounds[-1], np.uint64), np.empty(bounds[-1], np.int32))
 
             def list_block(block: tuple[Visible, NDArray], found: TileLists = found) -> None:
-                kernels_blend.list_by_tile(self.records, block[0], found.tiles, block[1], found.keys, found.rows)
+                kernels_list.list_by_tile(self.records, block[0], found.tiles, block[1], found.keys, found.rows)
 
             self._run(list_block, list(zip(visible, starts.copy(), strict=True)))
             yield found
@@ -161,7 +162,7 @@ class _Workspace(threading.local):
         self.tile = Scratch(
             np.empty(kernels_blend.STATE, np.float32),
             np.empty((kernels_blend.AHEAD, RECORD), np.float32),
-            np.empty(kernels_blend.DIGITS, np.int64),
+            np.empty(kernels_list.DIGITS, np.int64),
         )
 
     def block(self, rows: int) -> list[NDArray]:
@@ -188,7 +189,7 @@ def _visible(records: NDArray, first: int, ids: NDArray, boxes: NDArray, view: V
     """What a view shows of records of which `first` is the first one's row; `ids` and `boxes` are written."""
     grid = _grid(view)
     found = Visible(ids, boxes, np.zeros(grid.stop, np.int64))
-    shown = kernels_blend.list_visible(records, first, grid.columns, found)
+    shown = kernels_list.list_visible(records, first, grid.columns, found)
     return Visible(ids[:shown], boxes[:shown], found.counts)
 
 
