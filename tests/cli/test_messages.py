@@ -95,7 +95,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("encode desk/images -o o.tsplat", "tinysplat poses"),
         ("encode desk/images/0000.png -o o.tsplat", "0000.png"),
         ("encode empty.tsplat -o o.tsplat", "tinysplat view empty.tsplat"),
-        ("encode desk -o o.ply", ".tsplat"),
+        ("encode desk -o o.jpg", ".spz"),
         ("encode desk -o f.tsplat", "--force"),
         ("encode desk -o none/o.tsplat", "none"),
         ("encode desk -o nothing", "nothing"),

@@ -21,7 +21,7 @@ FIGURE = re.compile(
 DEFINITIONS = {
     "CONVENTIONS.md": {"3 %", "10 %", "15 %"},
     "FAQ.md": {"5 %"},
-    "FORMATS.md": {"75 %", "95 %", "45 dB"},
+    "FORMATS.md": {"75 %", "95 %", "45 dB", "15 minutes"},
     "MEASURING.md": {"2 %", "150 dB", "15 minutes", "30 ms"},
     "MODELS.md": {"96 %", "15 MiB", "60 MB", "1.9 GB"},
     "MODES.md": {"2 s", "40 dB", "42 dB"},

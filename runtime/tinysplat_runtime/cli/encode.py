@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
+from ..container.layout import SUFFIX
 from ..container.list import List
-from ..errors import TinySplatError
+from ..errors import InputError, TinySplatError
 from ..formats.viewpoints import found_beside
 from ..graphs.providers import providers_of
-from ..recipe.encode import Encoded
+from ..recipe.encode import Encoded, listed
 from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos
 from ..recipe.export import KEEPS_CAMERAS
@@ -19,16 +20,36 @@ from ..recipe.request import CompressRequest, EncodeRequest
 from ..system.stopwatch import Stopwatch
 from .files import Voice, write_file, write_json
 from .given import asked, reading_of, voice_of
+from .outputs import is_standard
 
 
 def encode(args: Namespace) -> None:
-    """Photos and cameras to a .tsplat file."""
-    request = asked(args, EncodeRequest, args.scene)
+    """Photos and cameras to a .tsplat file, or to one list of Gaussians in another format."""
     voice, runtime = voice_of(args), Runtime(threads=args.threads, providers=providers_of(args.provider))
+    if not (is_standard(args.output) or args.output.lower().endswith(SUFFIX)):
+        _list(args, voice, runtime)
+        return
+    if args.at_most is not None:
+        raise InputError("of one list for any viewer, -o F.spz, not of a .tsplat file", where="--at-most")
+    request = asked(args, EncodeRequest, args.scene)
     coded = encode_photos(request, runtime, voice, keep=bool(args.report))
     _write(coded, voice, args.report, runtime, model=request.model)
     if voice.listens:
         _compare(coded, voice, runtime, model=request.model)
+
+
+def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
+    """Photos to a file for any viewer."""
+    from ..recipe.export import write_list
+    from ..recipe.request import ExportRequest, ListRequest
+
+    if args.report:
+        raise InputError("of .tsplat files, which this is none of", where="--report")
+    gaussians = listed(asked(args, ListRequest, args.scene), runtime, voice)
+    for loss in write_list(args.output, gaussians, ExportRequest()):
+        voice.say("notice", loss, args.output)
+    size = Path(args.output).stat().st_size
+    voice.done(f"{size} bytes, {gaussians.count} Gaussians of SH degree {gaussians.degree}", args.output)
 
 
 def compress(args: Namespace) -> None:

@@ -24,8 +24,8 @@ PAGES = (".html", ".htm")
 _EXAMPLES = {"view": ".html", "render": ".png", "decode": ".spz", "convert": ".spz"}
 """Endings of what further commands may write, for messages."""
 
-CODED_BY = ("encode", "compress")
-"""Commands that write .tsplat files alone."""
+CODED_BY = "compress"
+"""The command that writes .tsplat files alone."""
 
 
 def is_standard(path: str) -> bool:
@@ -57,7 +57,11 @@ def check_outputs(args: Namespace) -> None:
         target = Path(path)
         if path.endswith(("/", "\\")) and not target.is_dir() and not is_folder:
             raise InputError(f"is the name of a folder, expected that of a file such as {target / example}", where=path)
-        if name == "output" and args.command in CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
+        if name == "output" and args.command == "encode" and target.suffix.lower() != SUFFIX and not target.is_dir():
+            from ..formats.table import find_format  # every format there is, of which most files are none
+
+            find_format(path, written=True)
+        if name == "output" and args.command == CODED_BY and target.suffix.lower() != SUFFIX and not target.is_dir():
             fault = f"'{target.suffix}', expected {SUFFIX}; other formats: `tinysplat decode` or `convert` afterwards"
             raise InputError(fault, where=path)
         if args.command == "view" and not is_folder and target.suffix.lower() not in PAGES and not target.is_dir():

@@ -108,16 +108,18 @@ def build_parser(only: str | None = None) -> tuple[_Parser, Commands]:
 
 
 def _encode(commands: Commands) -> None:
-    from ..recipe.request import VIDEO, EncodeRequest
+    from ..recipe.request import VIDEO, ListRequest
 
     parser = commands.add_parser(
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
     )
     parser.add_argument("scene", metavar="SCENE", nargs="+", help="photos with cameras; two stereo photos; video")
-    parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="F.tsplat", help=".spz, .ply …: one list for any viewer"
+    )
     _written(parser)
     _quiet(parser)
-    more = add_options(parser, EncodeRequest)[VIDEO]
+    more = add_options(parser, ListRequest)[VIDEO]
     more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     add_provider(more)
     add_threads(more)

@@ -3,6 +3,3 @@
 OWN_VARIANCE = 0.16
 """Own pixels² that Gaussians are widened by for other viewers (`footprints.widened`): the best of 0.04 to 0.3 at
 twice the coded size."""
-
-FUSE_SECONDS = 120.0
-"""For how long Gaussians of all views are made one surface for other viewers (`refine.fuse.fused`)."""

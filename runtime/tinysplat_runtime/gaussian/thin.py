@@ -46,17 +46,25 @@ def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) 
         run_jobs: maps a function over a list, on any number of threads.
         shown: how many views may show a place.
     """
-    views = range(len(gaussians.cameras))
-    depths = [_depths(gaussians, view) for view in views]
-    near = _near(gaussians.cameras, depths)
-    parts = [(number, view) for number in range(len(gaussians.layers)) for view in views]
-    kept = run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths, shown), parts)
-    opacities = np.concatenate(list(kept))
+    opacities = np.concatenate([layer.ravel() for layer in opacities_kept(gaussians, run_jobs, shown)])
     flat = gaussians.flat()
     keep = opacities >= 0
     if not keep.any():
         return flat
     return flat.taken(keep).changed(opacities=opacities[keep])
+
+
+def opacities_kept(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) -> list[NDArray]:
+    """By layer, (V, H, W) float32 opacities that `thinned` gives, and −1 for what goes; arguments as it has them."""
+    views = range(len(gaussians.cameras))
+    depths = [_depths(gaussians, view) for view in views]
+    near = _near(gaussians.cameras, depths)
+    parts = [(number, view) for number in range(len(gaussians.layers)) for view in views]
+    kept = list(run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths, shown), parts))
+    by_layer = [kept[len(views) * number : len(views) * (number + 1)] for number in range(len(gaussians.layers))]
+    return [
+        np.stack(parts).reshape(layer.opacities.shape) for parts, layer in zip(by_layer, gaussians.layers, strict=True)
+    ]
 
 
 def _opacities(

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 
 from ..codec.job import EncodeStats, PhotoScene
 from ..codec.modes import DEFAULT_MODE
+from ..errors import InputError
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.ways import Way
 from ..refine.stats import RefineStats
+from ..render.near import FEW
 from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system.told import NOBODY, Told
-from .request import Coding, CompressRequest, EncodeRequest
-from .stages import Tools, code, code_photos, refine
+from .request import Coding, CompressRequest, EncodeRequest, ListRequest
+from .stages import Tools, code, code_photos, refine, sparse
 from .words import Refinement
 
 
@@ -69,19 +72,73 @@ def encode(
         InputError: the scene or an option cannot be used, or memory does not suffice.
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
-    from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
     from .plan import expected_bytes
-    from .prepare import ALL_VIEWS, prepared
+    from .prepare import ALL_VIEWS
     from .refinement import chosen
 
     stats, refined = stats or EncodeStats(), RefineStats()
     request = replace(request, like=request.example())
-    scene = prepared(request, told)
-    model, whole = request.model, request.mode != DEFAULT_MODE
-    way = Way.of(scene, model, tools.store, threads=tools.threads, whole=whole, joint=request.joint)
+    scene, way = _ready(request, tools, told)
     refinement = chosen(request, scene, way, told)
-    if len(scene.frames) not in ALL_VIEWS and request.is_usual and not whole:
+    if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
+    gaussians, doubted = _predicted(request, scene, way, told, stats)
+    if refinement:
+        gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
+    told.say("step", "coding")
+    data = _coded(gaussians, request, scene, tools, stats)
+    kept, done = gaussians if keep else None, refined if refinement else None
+    return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, doubted)
+
+
+def listed(request: ListRequest, tools: Tools, told: Told = NOBODY) -> Gaussians:
+    """Photos to one list of Gaussians that any viewer draws: of a capture, more than `FEW` photos, a few, corrected
+    until they show these; of fewer photos those of all their pixels.
+
+    Args:
+        request: which photos, and how.
+        tools: to do it with, such as a `Runtime`.
+        told: who is told what goes on; doubts are looked for where somebody listens.
+
+    Raises:
+        InputError: the scene or an option cannot be used, memory does not suffice, or numba is missing.
+        ModelError, NumericError: see `Runtime.predict`.
+    """
+    from .memory import check_memory
+
+    stats = EncodeStats()
+    scene, way = _ready(request, tools, told)
+    is_capture = len(scene.frames) > FEW
+    if is_capture and find_spec("numba") is None:
+        fault = "numba, which a capture as one list needs, is missing"
+        raise InputError(f'{fault}; pip install "tinysplat[fast]" brings it', where="encode")
+    check_memory(scene, way, refined=bool(request.refine))
+    gaussians, _ = _predicted(request, scene, way, told, stats)
+    if not is_capture:
+        if request.refine:
+            gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, RefineStats())
+        return gaussians.flat()
+    from ..refine.photos import matched, sizes_of
+
+    (targets,) = sizes_of(gaussians, matched(gaussians, scene), closer=False)
+    return sparse(gaussians, targets, request.refine, request.at_most, tools, told)
+
+
+def _ready(request: EncodeRequest, tools: Tools, told: Told) -> tuple[Scene, Way]:
+    """The scene as the network is to have it, and its way through it."""
+    from .prepare import prepared
+
+    scene, is_whole = prepared(request, told), request.mode != DEFAULT_MODE
+    way = Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
+    return scene, way
+
+
+def _predicted(
+    request: EncodeRequest, scene: Scene, way: Way, told: Told, stats: EncodeStats
+) -> tuple[Gaussians, tuple[str, ...]]:
+    """What a network makes of photos, written too where that is asked for; and doubts."""
+    from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
+
     doubted = doubts(scene, told) if told.listens else []
     for text in doubted:
         told.say("doubt", text, scene.path)
@@ -91,12 +148,7 @@ def encode(
     if request.save_gaussians is not None:
         for loss in save_gaussians(request.save_gaussians, gaussians):
             told.say("notice", loss, request.save_gaussians)
-    if refinement:
-        gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
-    told.say("step", "coding")
-    data = _coded(gaussians, request, scene, tools, stats)
-    kept, done = gaussians if keep else None, refined if refinement else None
-    return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, tuple(doubted))
+    return gaussians, tuple(doubted)
 
 
 def compress(

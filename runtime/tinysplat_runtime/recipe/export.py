@@ -93,12 +93,19 @@ def write(
         save_points(path, gaussians)
     elif name.endswith(SUFFIX):
         write_atomically(path, _coded(gaussians, request, tools, source))
+    elif request.fuse:
+        return write_list(path, gaussians, request)
     else:
-        losses = save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
-        if request.fuse is not None and gaussians.viewpoints and not name.endswith(KEEPS_CAMERAS):
-            save_beside(Path(path), gaussians)
-        return losses
+        return save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
     return []
+
+
+def write_list(path: StrPath, gaussians: Gaussians, request: ExportRequest) -> list[str]:
+    """Write a list, and beside it the cameras of its photos if the format has no room for them; as `write` returns."""
+    losses = save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
+    if gaussians.viewpoints and not os.fspath(path).lower().endswith(KEEPS_CAMERAS):
+        save_beside(Path(path), gaussians)
+    return losses
 
 
 def is_drawn_whole(path: str) -> bool:
@@ -112,8 +119,8 @@ def _selected(gaussians: Gaussians, path: str, request: ExportRequest, tools: To
         gaussians = widened(gaussians, request.dilate)
     if request.trim_border:
         gaussians = trim_border(gaussians, request.trim_border)
-    if request.fuse is not None:
-        gaussians = _fused(gaussians, request.fuse, tools, told)
+    if request.fuse:
+        gaussians = _fused(gaussians, request, tools, told)
     elif is_drawn_whole(path) and not (request.keep_all or request.points or request.trim_border):
         gaussians = _thinned(gaussians, tools, told)
     if request.min_opacity is not None:
@@ -134,15 +141,18 @@ def _thinned(gaussians: Gaussians, tools: Tools, told: Told) -> Gaussians:
     return thin
 
 
-def _fused(gaussians: Gaussians, seconds: float, tools: Tools, told: Told) -> Gaussians:
+def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
     try:
-        from ..refine.fuse import FuseStats, fused
+        from ..sparse.pictures import own_pictures
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="fuse") from None
-    stats = FuseStats()
+    if len(gaussians.cameras) < 2:
+        found = f"{len(gaussians.cameras)} views, expected per-pixel Gaussians of two or more"
+        raise InputError(found, where="fuse")
+    from .stages import sparse
 
-    joined = fused(gaussians, seconds=seconds, threads=tools.threads, stats=stats, told=told)
-    told.say("notice", stats.text)
+    joined = sparse(gaussians, own_pictures(gaussians, tools.threads), request.fuse, request.at_most, tools, told)
+    told.say("notice", "from the photos themselves: `tinysplat encode SCENE -o F.spz`, sharper and truer to new views")
     return joined
 
 

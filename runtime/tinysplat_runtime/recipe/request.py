@@ -15,10 +15,11 @@ from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
 from ..formats import SH_BITS, SPZ_VERSION, SPZ_VERSIONS
-from ..gaussian import FUSE_SECONDS, OWN_VARIANCE
+from ..gaussian import OWN_VARIANCE
 from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
 from ..scene import BACKGROUND, MOVING
+from ..sparse import DEFAULT_GAUSSIANS
 from ..system.files import StrPath, read_limited
 from . import words
 from .options import Options, option
@@ -67,6 +68,18 @@ class Noted(Options):
     def notes(self) -> dict[str, str]:
         """Those that are given."""
         return {name: text for name in Noted.options() if (text := getattr(self, name)) is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sparse(Options):
+    """Of a capture as few Gaussians for every viewer; see `sparse`."""
+
+    at_most: int = option(
+        words.count,
+        DEFAULT_GAUSSIANS,
+        metavar="N",
+        help=f"Gaussians of a capture as one list; default {DEFAULT_GAUSSIANS:,}",
+    )
 
 
 class CodingKeywords(TypedDict, total=False):
@@ -243,6 +256,23 @@ class EncodeRequest(Noted, Coding):
             raise InputError(only, where="refine")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ListRequest(EncodeRequest, Sparse):
+    """Photos to be made into one list of Gaussians for any viewer, and how; `refine` says for how long.
+
+    Raises:
+        InputError: as of `EncodeRequest`, and what only `.tsplat` files can be given.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in (*Coding.options(), "mode"):
+            if getattr(self, name) != self.__dataclass_fields__[name].default:
+                raise InputError("of .tsplat files, which this is none of", where=name)
+        if self.refine is not None and not self.refine:
+            raise InputError("no steps, of which a list that any viewer draws needs some", where="refine")
+
+
 class CompressKeywords(CodingKeywords, NoteKeywords, total=False):
     """Of `compress`, beside profile and qp."""
 
@@ -296,7 +326,8 @@ class ExportKeywords(NoteKeywords, total=False):
     sh_degree: int | None
     prune: float | str | None
     keep_all: bool
-    fuse: float | None
+    fuse: Refinement | int | str | None
+    at_most: int
     dilate: float | None
     points: bool
     sh_bits: Sequence[int] | str
@@ -309,7 +340,7 @@ class ExportKeywords(NoteKeywords, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(Noted):
+class ExportRequest(Noted, Sparse):
     """What `convert` and `decode` do with Gaussians; of what is left out, nothing is done.
 
     Raises:
@@ -331,13 +362,14 @@ class ExportRequest(Noted):
     keep_all: bool = option(words.flag, False, group=WHICH, help="neither thin captures nor prune trained scenes")
     """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
     pictures hardly need."""
-    fuse: float | None = option(
-        words.positive,
-        metavar="SECONDS",
+    fuse: Refinement | None = option(
+        words.refinement,
+        metavar="STEPS|60s",
         group=WHICH,
-        usual=FUSE_SECONDS,
-        help=f"keep each surface once, corrected; default {FUSE_SECONDS:g} s",
+        usual=words.AUTO,
+        help="a capture as few Gaussians that show its pictures (numba)",
     )
+    """For how many steps, or how many seconds."""
     dilate: float | None = option(
         words.positive,
         metavar="VARIANCE",

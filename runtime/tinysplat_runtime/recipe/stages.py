@@ -37,6 +37,7 @@ from .words import Refinement
 if TYPE_CHECKING:
     from ..codec.list.views import Views
     from ..refine.stats import RefineStats
+    from ..render.gradient import Target
 
 LIST_VIEWS, MOST_JUDGED = 4, 16
 """Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
@@ -77,6 +78,23 @@ def refine(
     budget = Refinement() if refinement is None else refinement
     coded = coding.planes, coding.step_qp, Crew(tools.threads).map
     return Refining(gaussians, scene, *coded, steps=budget.steps, seconds=budget.seconds, stats=stats).run(told)
+
+
+def sparse(
+    gaussians: Gaussians, targets: Sequence[Target], budget: Refinement | None, count: int, tools: Tools, told: Told
+) -> Gaussians:
+    """A list of at most so many Gaussians that shows pictures of a capture; see `sparse.train.trained`."""
+    try:
+        from ..sparse.train import TrainStats, trained
+    except ImportError as error:
+        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="at_most") from None
+    stats, budget = TrainStats(), budget or Refinement()
+    steps, seconds = budget.steps, budget.seconds
+    found = trained(
+        gaussians, targets, count=count, steps=steps, seconds=seconds, threads=tools.threads, stats=stats, told=told
+    )
+    told.say("doubt" if stats.is_cut_short else "notice", stats.text)
+    return found
 
 
 def code(

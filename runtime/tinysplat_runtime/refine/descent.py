@@ -73,10 +73,10 @@ class Descent:
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
         self._begin(field)
 
-    def step(self, target: Target, way: float) -> PhotoError:
-        """Towards one picture, at a share of the way; what it lacked before."""
+    def step(self, target: Target, way: float, *, weight: float = 1.0, structure: float = 0.0) -> PhotoError:
+        """Towards one picture, at a share of the way; what it lacked before. The rest as `FreeGaussians.measure`."""
         self.gradient[:] = 0
-        error = self.field.measure(target, gradient=self.gradient)
+        error = self.field.measure(target, gradient=self.gradient, weight=weight, structure=structure)
         self.count += 1
         pace, count, functions = self._pace, float(self.count), self.field.functions
         sizes, limits = pace.step_sizes(way, functions), [*self._limits, *[COLOURS] * 3 * functions]
@@ -94,6 +94,12 @@ class Descent:
         means = self.means
         self._begin(self.field.kept(keep))
         self.means[..., : self.field.count] = means[..., : keep.size][..., keep]
+
+    def add(self, field: FreeGaussians) -> None:
+        """Go on with a field whose first Gaussians are these."""
+        means, count = self.means, self.field.count
+        self._begin(field)
+        self.means[..., :count] = means[..., :count]
 
     def _begin(self, field: FreeGaussians) -> None:
         self.field = field

@@ -2,11 +2,12 @@
 
 Ways: `network alone`, so many of the others spread over the capture in one scene, near and far as found from them;
 `walk`, the same once all photos agree on depth; `refined walk`, the same corrected by these photos in as many steps as
-are usual; the latter two where numba is installed. `own pair` is, for every picture, a scene of the two photos taken
-nearest to it, and `nearest photo` that one itself, shown in its place. A walk is coded, and its pictures are drawn from
-the file too; of 24 photos it is also coded more and less finely. With `--drawn`, pictures are drawn and judged at
-another size than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their
-cameras: flicker is the largest change between frames, in medians of the changes about it.
+are usual; of 24 photos `list`, in place of that few Gaussians for any viewer; the latter three where numba is
+installed. `own pair` is, for every picture, a scene of the two photos taken nearest to it, and `nearest photo` that one
+itself, shown in its place. A walk is coded, and its pictures are drawn from the file too; of 24 photos it is also coded
+more and less finely. With `--drawn`, pictures are drawn and judged at another size than photos are given at: that of a
+screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is the largest change between frames,
+in medians of the changes about it.
 
 `walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
 """
@@ -43,7 +44,7 @@ from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
 
 STUDY, SPARED = "walk", "walk spared"
-ALONE, REFINED = "network alone", "refined walk"
+ALONE, LISTED, REFINED = "network alone", "list", "refined walk"
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
@@ -104,13 +105,16 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         steps = [(STUDY, gaussians, cpu)]
         if has_steps and is_compared:
             steps.insert(0, (ALONE, *cpu_of(lambda: runtime.predict(given, model, joint=False))))
+        if has_steps and is_compared:
+            listed, more = cpu_of(lambda: _list(gaussians, given, run.threads))
+            steps.append((LISTED, listed, cpu + more))
         if has_steps:
             refined, more = cpu_of(lambda: runtime.refine(gaussians, given))
             steps.append((REFINED, refined, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
             done, data = coded(known, gaussians)
-            swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way != ALONE else {}
+            swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way not in (ALONE, LISTED) else {}
             yield replace(done, figures={**done.figures, **swing})
         if is_compared:
             yield Row(SPARED, name, "file", {"photos": photos, "model": model}, _spared(capture, data))
@@ -134,6 +138,14 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     yield row("own pair", 2, COMPARED, to_photos(pairs))
     shown = [rescaled(given.frames[pair[0]].image(), *drawn_at(run)) for pair in nearest]
     yield row("nearest photo", 1, COMPARED, to_photos(shown))
+
+
+def _list(gaussians: Gaussians, scene: Scene, threads: int) -> Gaussians:
+    """A capture as few Gaussians, as `encode -o F.spz` makes it."""
+    from tinysplat_runtime.refine.photos import matched, sizes_of
+    from tinysplat_runtime.sparse.train import trained
+
+    return trained(gaussians, sizes_of(gaussians, matched(gaussians, scene), closer=False)[0], threads=threads)
 
 
 def _spared(capture: Capture, data: bytes) -> dict[str, float]:
@@ -175,7 +187,7 @@ def flicker(gaussians: Gaussians, threads: int) -> float:
 def _named(rows: Sequence[Row]) -> str:
     """The way, and of a walk how many photos were asked for."""
     row = rows[0]
-    name = f"{row.way}, {row.setting['asked']}" if row.way.startswith((ALONE, STUDY, REFINED)) else row.way
+    name = f"{row.way}, {row.setting['asked']}" if row.way.startswith((ALONE, STUDY, LISTED, REFINED)) else row.way
     return f"{name}, drawn at {row.setting['drawn']}" if "drawn" in row.setting else name
 
 
@@ -216,7 +228,12 @@ _COLUMNS = {
     "flicker": mean("flicker", digits(1)),
 }
 
-_STEPS = {ALONE: "the network", STUDY: "and photos agree on depth", REFINED: "and corrected by photos"}
+_STEPS = {
+    ALONE: "the network",
+    STUDY: "and photos agree on depth",
+    LISTED: "and one list of it, trained",
+    REFINED: "or corrected by photos",
+}
 
 
 def _is_step(row: Row) -> bool:
@@ -240,7 +257,7 @@ def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
             statistics.fmean(row.costs["cpu"] for row in group),
             statistics.fmean(row.figures["bytes"] for row in group) / 1000,
         )
-        if way in _STEPS:
+        if way in _STEPS and way != LISTED:
             over["steps"].append((cpu, level))
         if way.startswith(REFINED):
             over["qualities"].append((kilo, level))
@@ -290,7 +307,7 @@ WALK = Study(
             },
         ),
         f"{STUDY} scenes": Listing(
-            STUDY, {"scene": said("subject"), **_COLUMNS}, wanted=lambda row: row.way in (ALONE, STUDY, REFINED)
+            STUDY, {"scene": said("subject"), **_COLUMNS}, wanted=lambda row: row.way in (ALONE, STUDY, LISTED, REFINED)
         ),
         f"{STUDY} in short": Listing(
             STUDY,

@@ -1,4 +1,4 @@
-"""Fusing: gradients of free Gaussians are finite differences, and pictures by 3DGS' definition come to fit."""
+"""Gaussians of no pixels: their gradients are finite differences, and steps go down them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.rasteriser import render_reference
-from scenes import make_cameras, make_list, tells
+from scenes import make_cameras, make_list
 
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
-from tinysplat_runtime.gaussian.thin import thinned
 from tinysplat_runtime.refine.descent import Descent, Pace
 from tinysplat_runtime.refine.free import FreeGaussians
-from tinysplat_runtime.refine.fuse import FuseStats, fused
 from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, TURN
-from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.render.gradient import Target
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
@@ -65,7 +61,7 @@ def test_gradients_are_finite_differences_of_the_float64_reference(size: float, 
     for kind in range(MOVE if degree == 0 else LOG_SCALE, len(values)):
         scale = float(np.abs(gradient[kind]).max())
         assert scale > 0
-        for row in np.argsort(-np.abs(gradient[kind, :30]))[:10]:
+        for row in np.argsort(-np.abs(gradient[kind, :30]))[: 10 - 4 * degree]:
             shift = np.zeros_like(values)
             shift[kind, row] = STEP
             wanted = (error(values + shift) - error(values - shift)) / (2 * STEP)
@@ -94,69 +90,3 @@ def test_a_step_moves_every_kind_of_value_down_its_slope_and_no_farther_than_its
         steep = np.abs(slopes[kind]) > 0.1 * np.abs(slopes[kind]).max()
         assert (np.sign(change[kind, steep]) == -np.sign(slopes[kind, steep])).all()
         assert np.abs(change[kind]).max() <= 1.001 * size
-
-
-def capture() -> Gaussians:
-    """Seven views of a painted wall, each of which has it at a depth of its own."""
-    cameras = make_cameras(7, 24, 32, turn=0, shift=(0, 0))
-    y, x = np.mgrid[:24, :32] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cameras[0].K).T
-    away = 3 * (1 + 0.15 * np.random.default_rng(0).standard_normal(7))
-    centres = np.stack([camera.centre for camera in cameras])[:, None, None]
-    painted = 3 * rays + centres  # where the wall is, whose paint is what photos show
-    paint = np.stack([np.sin(3 * painted[..., 0]), np.cos(4 * painted[..., 1]), np.sin(5 * painted.sum(-1))], axis=-1)
-    lead = paint.shape[:3]
-    quats, scales = np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)), np.full((*lead, 3), 0.05)
-    means = away[:, None, None, None] * rays + centres
-    return Gaussians(means, quats, scales, np.full(lead, 0.6), paint[..., None, :], tuple(cameras))
-
-
-def psnr(drawn: Gaussians, wanted: Gaussians) -> float:
-    """dB of pictures by 3DGS' definition against those of our own drawing, from a place that was not looked at."""
-    camera = wanted.cameras[3]
-    c2w = camera.c2w.copy()
-    c2w[0, 3] += 0.07
-    camera = Camera(camera.K, c2w, camera.width, camera.height)
-    return float(-10 * np.log10(np.square(render(drawn, camera, **DEFINITION) - render(wanted, camera)).mean()))
-
-
-def test_fused_gaussians_show_by_definition_what_our_own_drawing_does():
-    whole, stats = capture(), FuseStats()
-    found = fused(whole, steps=150, threads=2, stats=stats)
-    assert psnr(found, whole) > psnr(thinned(whole), whole)
-    assert stats.given == whole.count > stats.thinned >= stats.kept == found.count
-    assert stats.steps == 150 and np.mean(stats.rounds[-2]) > np.mean(stats.rounds[0])
-    assert tells(stats.text, f"{stats.given} {stats.thinned} {stats.kept} 150") and not found.cameras
-
-
-def test_the_same_steps_give_the_same_on_any_number_of_threads_and_what_fades_goes():
-    whole, stats = capture(), {1: FuseStats(), 3: FuseStats()}
-    fast = Pace(move=0, log_scale=0, sh=0, logit=2, last=1, looks=3)  # so that many fade
-    one, three = (fused(whole, steps=30, threads=n, pace=fast, stats=stats[n]) for n in (1, 3))
-    assert one.count < stats[1].thinned
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
-
-
-def test_seconds_or_a_single_step_end_it():
-    stats, whole = FuseStats(), capture()
-    fused(whole, seconds=0.5, threads=1, stats=stats)
-    assert 1 <= stats.steps < 10_000
-    fused(whole, steps=1, threads=1, stats=(stats := FuseStats()))
-    assert stats.steps == 1
-
-
-@pytest.mark.parametrize(
-    ("wrong", "options", "where"),
-    [
-        (capture().flat(), {}, "gaussians"),
-        (capture(), {"seconds": 0.0}, "seconds"),
-        (capture(), {"seconds": float("nan")}, "seconds"),
-        (capture(), {"steps": 0}, "steps"),
-        (capture(), {"steps": 3, "seconds": 1.0}, "steps"),
-    ],
-)
-def test_what_cannot_be_fused_is_said(wrong: Gaussians, options: dict, where: str) -> None:
-    with pytest.raises(InputError) as caught:
-        fused(wrong, **options)
-    assert caught.value.where == where

@@ -1,0 +1,24 @@
+"""What a capture shows of itself, where nobody has its photos."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..gaussian.gaussians import Gaussians
+from ..render import Renderer
+from ..render.gradient import Target
+
+COVERED = 0.9
+"""Pixels of a drawn picture that are less opaque say nothing."""
+
+
+def own_pictures(capture: Gaussians, threads: int | None = None) -> list[Target]:
+    """Pictures from the views of per-pixel Gaussians, as our own drawing has them. From elsewhere it shows ghosts, and
+    a scene that learns these loses more than it gains.
+    """
+    renderer, targets = Renderer(capture, threads), []
+    for camera in capture.cameras:
+        seen = renderer.render(camera, outputs=("rgb", "alpha"))
+        is_known = seen["alpha"][..., None] >= COVERED
+        targets.append(Target(camera, np.where(is_known, seen["rgb"], np.float32(np.nan)).astype(np.float32)))
+    return targets

@@ -1,0 +1,46 @@
+"""How a sparse scene is trained. Chosen on dev: docs/lab/sparse.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..refine.descent import Pace
+
+PACE = Pace(turn=0.01, sh_rest=0.002)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How Gaussians are drawn from pixels, added, dropped and corrected.
+
+    Attributes:
+        pace: how far a step goes.
+        functions: SH functions of every Gaussian: 1, 4 or 9.
+        structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
+        exposure: what a photo's gain has to surpass, of its logarithm, to count as its own.
+        quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
+        start: share of the Gaussians that it begins with.
+        grown: share of the way after which none are added.
+        looks: how often some are added and those that show nothing go.
+        texture: what a photo's smoothed contrast of grey counts where Gaussians are drawn, beside 1.
+        larger: how much larger than their distance Gaussians begin.
+        opacity: theirs at the beginning.
+        added_size, added_opacity: of those that are added, own pixels and opacity.
+        faded: Gaussians of less opacity go.
+    """
+
+    pace: Pace = PACE
+    functions: int = 4
+    structure: float = 0.2
+    exposure: float = 0.05
+    quarter: float = 0.1
+    half: float = 0.3
+    start: float = 0.8
+    grown: float = 0.6
+    looks: int = 10
+    texture: float = 10.0
+    larger: float = 1.5
+    opacity: float = 0.6
+    added_size: float = 1.2
+    added_opacity: float = 0.5
+    faded: float = 0.02

@@ -1,0 +1,151 @@
+"""Which pixels of a capture become Gaussians: by what they show at first, later by what is still wrong there.
+
+A capture has a Gaussian for every pixel of every photo. Some of them, larger, are enough: few where a photo is plain,
+many where it has texture. `gaussian/thin.py` says which of several photos shows a surface, and which see past it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussian.gaussians import Gaussians, joined
+from ..gaussian.sh import resized_sh
+from ..gaussian.thin import opacities_kept
+
+COARSE_SIZE = 1.7
+"""Of themselves: how large Gaussians of layers that close holes begin."""
+
+LARGEST = 8.0
+"""Own pixels: no Gaussian begins larger."""
+
+_ROUNDS = 20
+
+
+def first(
+    capture: Gaussians,
+    photos: Sequence[NDArray],
+    count: int,
+    *,
+    functions: int,
+    texture: float,
+    larger: float,
+    opacity: float,
+    run_jobs: Callable,
+) -> Gaussians:
+    """Gaussians (about `count`,) drawn from a capture's pixels, the more the more texture there is.
+
+    Args:
+        capture: per pixel, with cameras.
+        photos: by view, (H, W, 3) float32 of the capture's size, or any other of the same shape.
+        count: how many.
+        functions: SH functions of each.
+        texture: what a photo's contrast counts.
+        larger: how much larger than their distance they begin.
+        opacity: theirs.
+        run_jobs: maps a function over a list, on any number of threads.
+    """
+    rng, kept = np.random.default_rng(0), opacities_kept(capture, run_jobs, shown=1)
+    contrasts = np.stack([_contrast(_of_size(photo, *kept[0].shape[1:])) for photo in photos])
+    weights = [np.maximum(kept[0], 0) * (1 + texture * contrasts)]
+    weights += [np.maximum(layer, 0) * (1 + texture * contrasts.mean()) for layer in kept[1:]]
+    if not any(weight.any() for weight in weights):
+        weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
+    odds = _odds(weights, count)
+    chosen, parts = _drawn(odds, count, rng), list[Gaussians]()
+    for number, layer in enumerate(capture.layers):
+        sizes = (larger / np.sqrt(odds[0][chosen[0]])).clip(1, LARGEST) if number == 0 else COARSE_SIZE
+        parts.append(_taken(layer, chosen[number], sizes, opacity, functions))
+    return parts[0].changed(**joined(parts))
+
+
+def further(
+    capture: Gaussians,
+    wrong: Sequence[NDArray],
+    count: int,
+    rng: np.random.Generator,
+    *,
+    functions: int,
+    size: float,
+    opacity: float,
+) -> Gaussians:
+    """Gaussians (about `count`,) of a capture's pixels, the more the more is wrong there.
+
+    Args:
+        capture: per pixel, with cameras.
+        wrong: by view, (H, W) float32.
+        count: how many.
+        rng: chooses.
+        functions: SH functions of each.
+        size: own pixels.
+        opacity: theirs.
+    """
+    surface = capture.layers[0]
+    shape = surface.opacities.shape[1:]
+    weight = np.stack([_of_size(view[..., None], *shape)[..., 0] for view in wrong]) * surface.opacities
+    (chosen,) = _drawn(_odds([weight], count), count, rng)
+    return _taken(surface, chosen, size, opacity, functions)
+
+
+def smoothed(plane: NDArray) -> NDArray:
+    """(H, W), the mean of 3×3 neighbours."""
+    padded = np.pad(plane, 1, mode="edge")
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    return (rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9
+
+
+def _contrast(photo: NDArray) -> NDArray:
+    """(H, W): how much grey changes to the right and below, smoothed."""
+    grey = np.nan_to_num(photo.mean(axis=-1))
+    across = np.abs(np.diff(grey, axis=1, append=grey[:, -1:]))
+    return smoothed(across + np.abs(np.diff(grey, axis=0, append=grey[-1:])))
+
+
+def _of_size(picture: NDArray, height: int, width: int) -> NDArray:
+    """(H, W, …) by nearest samples."""
+    rows = (np.arange(height) * picture.shape[0] + picture.shape[0] // 2) // height
+    columns = (np.arange(width) * picture.shape[1] + picture.shape[1] // 2) // width
+    if picture.shape[:2] == (height, width):
+        return picture
+    return picture[rows.clip(0, picture.shape[0] - 1)][:, columns.clip(0, picture.shape[1] - 1)]
+
+
+def _odds(weights: Sequence[NDArray], count: int) -> list[NDArray]:
+    """Weights as odds, at most 1, that sum to `count`, or to all that have a weight."""
+    scale = count / max(sum(float(weight.sum(dtype=np.float64)) for weight in weights), 1e-30)
+    for _ in range(_ROUNDS):
+        expected = sum(float(np.minimum(scale * weight, 1).sum(dtype=np.float64)) for weight in weights)
+        if not 0 < expected < 0.999 * count:
+            break
+        scale *= count / expected
+    return [np.minimum(np.float32(scale) * weight, np.float32(1)) for weight in weights]
+
+
+def _drawn(odds: Sequence[NDArray], count: int, rng: np.random.Generator) -> list[NDArray]:
+    """Masks of what is drawn by its odds, `count` at most."""
+    masks = [rng.random(part.shape, np.float32) < part for part in odds]
+    drawn = [np.flatnonzero(mask) for mask in masks]
+    surplus = sum(map(len, drawn)) - count
+    if surplus > 0:
+        gone = np.zeros(surplus + count, bool)
+        gone[rng.choice(gone.size, surplus, replace=False)] = True
+        for mask, rows, off in zip(masks, drawn, np.split(gone, np.cumsum([*map(len, drawn)])[:-1]), strict=True):
+            mask.flat[rows[off]] = False
+    return masks
+
+
+def _taken(layer: Gaussians, chosen: NDArray, sizes: NDArray | float, opacity: float, functions: int) -> Gaussians:
+    """A layer's Gaussians of a mask, as a list, so many times as large."""
+    count = int(np.count_nonzero(chosen))
+    times = np.broadcast_to(np.asarray(sizes, np.float32), (count,))
+    return Gaussians.unchecked(
+        means=layer.means[chosen],
+        quats=layer.quats[chosen],
+        scales=layer.scales[chosen] * times[:, None],
+        opacities=np.full(count, opacity, np.float32),
+        sh=resized_sh(layer.sh[chosen], functions),
+        origin=layer.origin,
+        notes=layer.notes,
+    )

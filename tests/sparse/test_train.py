@@ -1,0 +1,125 @@
+"""A capture as few Gaussians: pictures by 3DGS' definition come to fit its photos, however these were exposed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import make_cameras, tells
+
+from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.thin import thinned
+from tinysplat_runtime.refine.descent import Pace
+from tinysplat_runtime.render import DEFINITION, render
+from tinysplat_runtime.render.gradient import Target
+from tinysplat_runtime.sparse.pictures import own_pictures
+from tinysplat_runtime.sparse.settings import Settings
+from tinysplat_runtime.sparse.train import TrainStats, trained
+
+AT_MOST = 700
+"""Of 5,376."""
+
+
+def wall(away: np.ndarray) -> tuple[Gaussians, list[Target]]:
+    """Seven views of a painted wall at a depth of 3, each of which has it at its own, and photos of it."""
+    cameras = make_cameras(7, 24, 32, turn=0, shift=(0, 0))
+    y, x = np.mgrid[:24, :32] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cameras[0].K).T
+    centres = np.stack([camera.centre for camera in cameras])[:, None, None]
+    painted = 3 * rays + centres
+    paint = np.stack([np.sin(3 * painted[..., 0]), np.cos(4 * painted[..., 1]), np.sin(5 * painted.sum(-1))], axis=-1)
+    lead = paint.shape[:3]
+    quats, scales = np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)), np.full((*lead, 3), 0.05)
+    means = away[:, None, None, None] * rays + centres
+    capture = Gaussians(means, quats, scales, np.full(lead, 0.6), paint[..., None, :], tuple(cameras))
+    photos = (0.5 + 0.2820948 * paint).clip(0, 1).astype(np.float32)
+    return capture, [Target(camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def torn() -> tuple[Gaussians, list[Target]]:
+    return wall(3 * (1 + 0.15 * np.random.default_rng(0).standard_normal(7)))
+
+
+def psnr(drawn: Gaussians, target: Target) -> float:
+    """dB of the picture by 3DGS' definition."""
+    picture = render(drawn, target.camera, **DEFINITION)
+    return float(-10 * np.log10(np.square(picture - target.photo).mean()))
+
+
+def mean_psnr(drawn: Gaussians, targets: list[Target]) -> float:
+    return float(np.mean([psnr(drawn, target) for target in targets]))
+
+
+def test_few_gaussians_show_the_photos_where_all_of_the_capture_do_not(torn) -> None:
+    capture, targets = torn
+    found = trained(capture, targets, count=AT_MOST, steps=140, threads=2, stats=(stats := TrainStats()))
+    assert 0 < found.count == stats.kept <= AT_MOST < capture.count == stats.given
+    assert mean_psnr(found, targets) > mean_psnr(thinned(capture), targets) + 3
+    assert np.mean(stats.psnr) == pytest.approx(mean_psnr(found, targets), abs=1)
+    assert stats.steps == stats.planned == 140 and not stats.is_cut_short
+    assert found.viewpoints == capture.cameras and tells(stats.text.replace(",", ""), f"{capture.count} {stats.kept}")
+
+
+def test_photos_of_different_exposure_are_as_good_as_others(torn) -> None:
+    capture, targets = torn
+    gains = np.array([1, 0.8, 1.15, 1, 0.9, 1.1, 1.05])
+    darker = [replace(one, photo=np.float32(gain) * one.photo) for one, gain in zip(targets, gains, strict=True)]
+    count = {"count": AT_MOST, "steps": 210, "threads": 2}
+    found = trained(capture, darker, **count, stats=(stats := TrainStats()))
+    fixed = trained(capture, darker, **count, settings=Settings(exposure=9.0))
+    assert np.corrcoef(stats.gains, gains)[0, 1] > 0.9
+    assert mean_psnr(found, targets) > mean_psnr(fixed, targets)
+
+
+def test_what_photos_do_not_know_is_left_out(torn) -> None:
+    capture, targets = torn
+    holes = [replace(one, photo=one.photo.copy()) for one in targets]
+    for one in holes:
+        one.photo[4:9, 10:20] = np.nan
+    found = trained(capture, holes, count=AT_MOST, steps=30, threads=1)
+    assert np.isfinite(found.means).all() and np.isfinite(found.sh).all()
+
+
+def test_without_photos_it_learns_what_the_capture_shows(torn) -> None:
+    capture, _ = wall(np.full(7, 3.0))
+    pictures = own_pictures(capture, 1)
+    found = trained(capture, pictures, count=AT_MOST, steps=60, threads=1)
+    known = [one for one in pictures if np.isfinite(one.photo).all()]
+    assert known and mean_psnr(found, known) > 25
+
+
+def test_the_same_steps_give_the_same_on_any_number_of_threads_and_what_fades_goes(torn) -> None:
+    capture, targets = torn
+    fast = Settings(pace=Pace(move=0, log_scale=0, sh=0, logit=2, last=1), start=1.0)  # so that many fade
+    one, three = (trained(capture, targets, count=AT_MOST, steps=30, threads=n, settings=fast) for n in (1, 3))
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
+    assert one.count < trained(capture, targets, count=AT_MOST, steps=1, threads=1, settings=fast).count
+
+
+def test_seconds_end_it_and_that_is_said(torn) -> None:
+    capture, targets = torn
+    trained(capture, targets, count=AT_MOST, steps=10**6, seconds=0.5, threads=1, stats=(stats := TrainStats()))
+    assert (
+        1 <= stats.steps < stats.planned == 10**6 and stats.is_cut_short and tells(stats.text, f"{stats.steps} {10**6}")
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "where"),
+    [
+        (lambda capture, targets: (capture.flat(), targets), {}, "capture"),
+        (lambda capture, targets: (capture, targets[1:]), {}, "capture"),
+        (lambda *given: given, {"seconds": 0.0}, "seconds"),
+        (lambda *given: given, {"seconds": float("nan")}, "seconds"),
+        (lambda *given: given, {"steps": 0}, "steps"),
+        (lambda *given: given, {"count": 0}, "count"),
+    ],
+)
+def test_what_cannot_be_trained_is_said(torn, change, options: dict, where: str) -> None:
+    with pytest.raises(InputError) as caught:
+        trained(*change(*torn), **options)
+    assert caught.value.where == where
