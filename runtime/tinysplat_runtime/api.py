@@ -21,7 +21,7 @@ from .gaussian.gaussians import Gaussians
 from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
-from .system.files import StrPath, read_limited, write_atomically
+from .system.files import StrPath, read_limited
 from .system.jsonfields import JsonObject
 from .system.printable import type_of
 from .system.stopwatch import Stopwatch
@@ -92,9 +92,8 @@ class Runtime:
 
         Three photos or more are grouped with their neighbours (`scene.neighbours`) and go through the network's stages
         one by one (`graphs.each`), between which all agree on depth (`graphs.joint`); where it has none, more than it
-        takes at once go group by group. Large photos
-        (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped networks, and what these find is brought to
-        every pixel.
+        takes at once go group by group. Large photos (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped
+        networks, and what these find is brought to every pixel.
 
         Args:
             scene: 2 or more views of one size, with near and far; `Scene.views` and `Scene.resized` choose and scale.
@@ -166,13 +165,12 @@ class Runtime:
         """Code Gaussians as a `.tsplat` file's bytes: those that `tinysplat compress` writes of the same options.
 
         Args:
-            gaussians: per pixel, with cameras; or a list, as of a trained or an edited scene, which
-                mode `list` codes: as one list, in an order of its own, without those that pictures hardly need
-                (`keep_all` keeps them; so does a Python without numba, with a warning) and those of opacity
-                under 1/255. The file carries their notes and viewpoints. Without `cameras`, what is surely an object is
+            gaussians: per pixel, with cameras; or a list, as of a trained or an edited scene, which is coded in an
+                order of its own, without those that pictures hardly need (`keep_all` keeps them; so does a Python
+                without numba, with a warning) and those of opacity under 1/255. The file carries their notes and
+                viewpoints. Without `cameras`, what is surely an object is
                 looked at from outside, and of anything else all is kept, with a warning.
-            profile: see `recipe.request.Coding`.
-            qp: see there.
+            profile, qp: see `recipe.request.Coding`.
             stats: filled with what coding measured.
             **options: of `recipe.request.CompressRequest`.
 
@@ -208,8 +206,7 @@ class Runtime:
         Args:
             scene: a `Scene`, the path of one, or what else `recipe.request.EncodeRequest` takes.
             model: see `predict`.
-            profile: see `compress`.
-            qp: see `compress`.
+            profile, qp: see `compress`.
             gaussians: what `predict` made of the scene, if that is at hand: nothing is then chosen, found, scaled or
                 looked at, and the file carries their notes.
             stats: filled with what coding measured, and the mode.
@@ -424,10 +421,7 @@ def load_gaussians(
         return table.load_gaussians(path, grid, cameras, **({} if max_bytes is None else {"max_bytes": max_bytes}))
     if (grid, cameras, max_bytes) != (None, None, None):
         raise InputError("a .tsplat file has a grid and cameras of its own; expected none", where=str(path))
-    try:
-        return decompress(read_limited(path, MAX_FILE_BYTES))
-    except TinySplatError as error:
-        raise error.within(str(path)) from None
+    return _shared()._loaded(os.fspath(path), None)
 
 
 def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKeywords]) -> list[str]:
@@ -447,24 +441,9 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKe
     """
     _check(path, PATH, "path", "a path")
     _check(gaussians, Gaussians, *GAUSSIANS)
-    from .gaussian.editing import select_views
-    from .recipe.encode import compress as code
-    from .recipe.export import exported, write
-    from .recipe.request import HOW, CompressRequest, ExportRequest
+    from .recipe.export import save
 
-    is_ours, coding = os.fspath(path).lower().endswith(SUFFIX), JsonObject()
-    if is_ours:
-        exporting = {name for name, option in ExportRequest.options().items() if option.group != HOW}
-        coding = {name: value for name, value in options.items() if name not in exporting - {"keep_all", "cameras"}}
-    request = ExportRequest.of(**{name: value for name, value in options.items() if name not in coding})
-    gaussians = gaussians if request.views is None else select_views(gaussians, request.views)
-    gaussians = exported([("", gaussians)], os.fspath(path), request, _shared())
-    if not is_ours:
-        return write(path, gaussians, request, _shared())
-    if request.prune is not None:
-        coding.setdefault("keep_all", True)
-    write_atomically(path, code(CompressRequest.of(gaussians, **coding), _shared()).data)
-    return []
+    return save(path, gaussians, options, _shared())
 
 
 def inspect(data: bytes) -> JsonObject:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,14 +17,14 @@ from ..container.reader import read_container
 from ..errors import InputError, TinySplatError
 from ..formats.table import save_gaussians, save_points
 from ..formats.viewpoints import save_beside, seen_from
-from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, similarity, trim_border
+from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, select_views, similarity, trim_border
 from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import StrPath, read_limited, write_atomically
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
-from .request import Coding, ExportRequest
+from .request import HOW, Coding, CompressRequest, ExportRequest
 
 if TYPE_CHECKING:
     from ..prune.amount import Amount
@@ -106,6 +106,28 @@ def write_list(path: StrPath, gaussians: Gaussians, request: ExportRequest) -> l
     if gaussians.viewpoints and not os.fspath(path).lower().endswith(KEEPS_CAMERAS):
         save_beside(Path(path), gaussians)
     return losses
+
+
+def save(path: StrPath, gaussians: Gaussians, options: Mapping[str, Any], tools: Tools) -> list[str]:
+    """Write Gaussians as `write` has it, or for a `.tsplat` file by options of `compress` too.
+
+    Returns:
+        As `write`.
+    """
+    is_ours = os.fspath(path).lower().endswith(SUFFIX)
+    moving = {name for name, option in ExportRequest.options().items() if option.group != HOW} - {"keep_all", "cameras"}
+    coding = {name: value for name, value in options.items() if is_ours and name not in moving}
+    request = ExportRequest.of(**{name: value for name, value in options.items() if name not in coding})
+    gaussians = gaussians if request.views is None else select_views(gaussians, request.views)
+    gaussians = exported([("", gaussians)], os.fspath(path), request, tools)
+    if not is_ours:
+        return write(path, gaussians, request, tools)
+    from .encode import compress
+
+    if request.prune is not None:
+        coding.setdefault("keep_all", True)
+    write_atomically(path, compress(CompressRequest.of(gaussians, **coding), tools).data)
+    return []
 
 
 def is_drawn_whole(path: str) -> bool:
