@@ -121,15 +121,9 @@ def test_plane_errors_tell_depth_from_offset():
 VGG = (64, 64, "M", 128, 128, "M", 256, 256, 256, "M", 512, 512, 512, "M", 512, 512, 512)
 
 
-def make_backbone(net: str) -> nn.Sequential:
+def make_backbone() -> nn.Sequential:
     """torchvision's `features` with random weights, written down a second time."""
     torch.manual_seed(0)
-    if net == "alex":
-        return nn.Sequential(
-            nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(), nn.MaxPool2d(3, 2), nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(),
-            nn.MaxPool2d(3, 2), nn.Conv2d(192, 384, 3, padding=1), nn.ReLU(), nn.Conv2d(384, 256, 3, padding=1),
-            nn.ReLU(), nn.Conv2d(256, 256, 3, padding=1), nn.ReLU(),
-        )  # fmt: skip
     layers: list[nn.Module] = []
     width = 3
     for entry in VGG:
@@ -141,47 +135,46 @@ def make_backbone(net: str) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-TAPS = {"alex": (1, 4, 7, 9, 11), "vgg": (3, 8, 15, 22, 29)}
+TAPS = (3, 8, 15, 22, 29)
 
 
-def make_weights(net: str) -> tuple[nn.Sequential, dict[str, torch.Tensor], dict[str, torch.Tensor]]:
-    features = make_backbone(net)
+def make_weights() -> tuple[nn.Sequential, dict[str, torch.Tensor], dict[str, torch.Tensor]]:
+    features = make_backbone()
     state = {f"features.{name}": value for name, value in features.state_dict().items()}
-    widths = [features[tap - 1].out_channels for tap in TAPS[net]]
+    widths = [features[tap - 1].out_channels for tap in TAPS]
     linear = {f"lin{i}.model.1.weight": torch.rand(1, width, 1, 1) for i, width in enumerate(widths)}
     return features, {**state, "classifier.6.bias": torch.zeros(3)}, linear
 
 
 @torch.no_grad()
-def reference_lpips(net: str, features: nn.Sequential, linear: dict[str, torch.Tensor], a, b) -> float:
+def reference_lpips(features: nn.Sequential, linear: dict[str, torch.Tensor], a, b) -> float:
     """Zhang et al. 2018, equation 1, layer by layer."""
     mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
     x, y = (((torch.from_numpy(p) - mean) / deviation).permute(2, 0, 1)[None] for p in (a, b))
     total, layer = 0.0, 0
     for index, module in enumerate(features):
         x, y = module(x), module(y)
-        if index in TAPS[net]:
+        if index in TAPS:
             difference = nn.functional.normalize(x, dim=1) - nn.functional.normalize(y, dim=1)
             total += float((difference**2 * linear[f"lin{layer}.model.1.weight"]).sum(1).mean())
             layer += 1
     return total
 
 
-def save_weights(folder, net="alex"):
-    features, backbone, linear = make_weights(net)
-    files = LpipsFiles(net, folder / "backbone.pth", folder / "linear.pth")
+def save_weights(folder):
+    features, backbone, linear = make_weights()
+    files = LpipsFiles(folder / "backbone.pth", folder / "linear.pth")
     torch.save(backbone, files.backbone)
     torch.save(linear, files.linear)
     return files, features, backbone, linear
 
 
-@pytest.mark.parametrize("net", ["alex", "vgg"])
-def test_lpips_follows_its_definition(net, tmp_path):
-    files, features, _, linear = save_weights(tmp_path, net)
+def test_lpips_follows_its_definition(tmp_path):
+    files, features, _, linear = save_weights(tmp_path)
     metric = Lpips(files)
     a, b = photo(48, 40), np.clip(noisy(photo(48, 40), 0.2), 0, 1)
     # ImageNet's moments are given to three digits on either scale: a relative 1e-3 between the two forms.
-    assert metric(a, b) == pytest.approx(reference_lpips(net, features, linear, a, b), rel=5e-3)
+    assert metric(a, b) == pytest.approx(reference_lpips(features, linear, a, b), rel=5e-3)
     assert metric(a, a) == 0
     assert metric(a, b) == metric(np.where(b == 1, 1.5, b), a)
 
@@ -192,9 +185,9 @@ def test_lpips_reads_files_and_names_what_does_not_fit(tmp_path):
     with pytest.raises(InputError):
         metric(photo(8, 40), photo(8, 40))
     with refusing(InputError, "lin0.model.1.weight"):
-        Lpips(LpipsFiles("alex", files.backbone, files.backbone))
-    torch.save({**backbone, "features.3.weight": torch.zeros(2, 2)}, files.backbone)
-    with refusing(InputError, "backbone.pth 3.weight 2 192, 64, 5, 5"):
+        Lpips(LpipsFiles(files.backbone, files.backbone))
+    torch.save({**backbone, "features.2.weight": torch.zeros(2, 2)}, files.backbone)
+    with refusing(InputError, "backbone.pth 2.weight 2 64, 64, 3, 3"):
         Lpips(files)
     files.backbone.write_bytes(b"not weights")
     with refusing(InputError, "backbone.pth"):
@@ -203,9 +196,7 @@ def test_lpips_reads_files_and_names_what_does_not_fit(tmp_path):
 
 def test_a_weights_file_that_was_named_must_exist(tmp_path):
     with refusing(InputError, "missing.pth"):
-        find_lpips("vgg", backbone=tmp_path / "missing.pth")
-    with refusing(InputError, "'squeeze' vgg, alex"):
-        find_lpips("squeeze")
+        find_lpips(backbone=tmp_path / "missing.pth")
 
 
 def test_pixels_whose_reference_is_nan_do_not_count() -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tinysplat.datasets import SPECS
-from tinysplat.measure.lpips import BACKBONE_FILES, find_lpips
+from tinysplat.measure.lpips import find_lpips
 from tinysplat.measure.machine import run_row
 from tinysplat.measure.quality import ProfileQp, Quality, document
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile
@@ -80,7 +80,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--dataset", choices=tuple(SPECS), default="re10k", metavar="NAME", help=f"of the chunks: {', '.join(SPECS)}"
     )
-    parser.add_argument("--lpips", choices=(*BACKBONE_FILES, "none"), default="vgg", help="default vgg")
+    parser.add_argument("--lpips", choices=("vgg", "none"), default="vgg", help="default vgg")
     parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
     parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
     parser.add_argument(
@@ -117,7 +117,7 @@ def run(args: Namespace) -> None:
         find_profile(profile)
     lpips, lpips_text = None, "LPIPS not asked for"
     if args.lpips != "none":
-        lpips, lpips_text = find_lpips(args.lpips, args.lpips_backbone, args.lpips_linear)
+        lpips, lpips_text = find_lpips(args.lpips_backbone, args.lpips_linear)
     sources, lost = find_sources(args.scenes, index=args.index, dataset=args.dataset, near=args.near, far=args.far)
     plan = RunPlan(
         sources,

@@ -1,18 +1,17 @@
-"""LPIPS (Zhang et al. 2018, version 0.1) in torch, with weights that the user brings: none ship with this project.
+"""LPIPS (Zhang et al. 2018, version 0.1) with VGG-16 in torch, by weights that the user brings: none ship with this.
 
 Two files are needed: the linear weights, which the package `lpips` carries (`pip install --no-deps lpips`; it is never
 imported), and the backbone's ImageNet weights in torchvision's layout, named by the user or left in torch's cache by
-torchvision. `find_lpips` looks for them; where either is missing there is no number, and torch is not imported. The
-paper's figures are LPIPS with VGG.
+torchvision. `find_lpips` looks for them; where either is missing there is no number, and torch is not imported.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,8 +24,8 @@ from tinysplat_runtime.system.files import StrPath, check_readable
 if TYPE_CHECKING:
     from torch import Tensor
 
-BACKBONE_FILES = {"vgg": "vgg16-397923af.pth", "alex": "alexnet-owt-7be5be79.pth"}
-"""torchvision's names of the classifiers' weights."""
+BACKBONE_FILE = "vgg16-397923af.pth"
+"""torchvision's name of the classifier's weights."""
 
 
 @dataclass(frozen=True)
@@ -34,23 +33,18 @@ class LpipsFiles:
     """The two files that LPIPS needs.
 
     Attributes:
-        net: `vgg` or `alex`.
         backbone: torchvision's file of the classifier's weights.
         linear: the package `lpips`'s file of linear weights.
     """
 
-    net: str
     backbone: Path
     linear: Path
 
 
-def find_lpips(
-    net: str, backbone: StrPath | None = None, linear: StrPath | None = None
-) -> tuple[LpipsFiles | None, str]:
+def find_lpips(backbone: StrPath | None = None, linear: StrPath | None = None) -> tuple[LpipsFiles | None, str]:
     """Look for the weights of LPIPS; nothing is downloaded.
 
     Args:
-        net: `vgg` or `alex`.
         backbone: the classifier's weights; None to look where torchvision leaves what it downloads.
         linear: the linear weights; None to look in the installed package `lpips`.
 
@@ -58,33 +52,31 @@ def find_lpips(
         The files, or None, and a line that says which were found or what is missing.
 
     Raises:
-        InputError: an unknown net, or a file that was named does not exist.
+        InputError: a file that was named does not exist.
     """
-    if net not in BACKBONE_FILES:
-        raise InputError(f"'{net}', accepted are {', '.join(BACKBONE_FILES)}", where="lpips")
     for path in (backbone, linear):
         if path is not None:
             check_readable(path)
     home = os.environ.get("TORCH_HOME") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "torch"
-    cached = Path(home).expanduser() / "hub" / "checkpoints" / BACKBONE_FILES[net]  # as torch.hub.get_dir has it
-    advice = f"--lpips-backbone names torchvision's {BACKBONE_FILES[net]}, from download.pytorch.org/models"
+    cached = Path(home).expanduser() / "hub" / "checkpoints" / BACKBONE_FILE  # as torch.hub.get_dir has it
+    advice = f"--lpips-backbone names torchvision's {BACKBONE_FILE}, from download.pytorch.org/models"
     found_backbone = Path(backbone) if backbone is not None else cached if cached.is_file() else None
-    found_linear = Path(linear) if linear is not None else _packaged_linear(net)
+    found_linear = Path(linear) if linear is not None else _packaged_linear()
     if found_linear is None:
         return None, (
-            f"no linear weights of LPIPS-{net}: `pip install --no-deps lpips` brings them, --lpips-linear names them;"
+            f"no linear weights of LPIPS-vgg: `pip install --no-deps lpips` brings them, --lpips-linear names them;"
             f" {advice}"
         )
     if found_backbone is None:
-        return None, f"no backbone weights of LPIPS-{net} in {cached.parent}: {advice}"
-    return LpipsFiles(net, found_backbone, found_linear), f"LPIPS-{net}: {found_backbone}, {found_linear}"
+        return None, f"no backbone weights of LPIPS-vgg in {cached.parent}: {advice}"
+    return LpipsFiles(found_backbone, found_linear), f"LPIPS-vgg: {found_backbone}, {found_linear}"
 
 
-def _packaged_linear(net: str) -> Path | None:
+def _packaged_linear() -> Path | None:
     """The linear weights in the installed package `lpips`, which needs torchvision and is not imported."""
     spec = importlib.util.find_spec("lpips")
     folders = list(spec.submodule_search_locations or ()) if spec is not None else []
-    paths = (Path(folder) / "weights" / "v0.1" / f"{net}.pth" for folder in folders)
+    paths = (Path(folder) / "weights" / "v0.1" / "vgg.pth" for folder in folders)
     return next((path for path in paths if path.is_file()), None)
 
 
@@ -92,15 +84,10 @@ _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # ImageNet's m
 _NORM_EPSILON = 1e-10
 
 
-LAYERS: dict[str, tuple[str, ...]] = {
-    "vgg": ("3-64", "64-64 =", "pool 2", "64-128", "128-128 =", "pool 2", "128-256", "256-256", "256-256 =", "pool 2",
-            "256-512", "512-512", "512-512 =", "pool 2", "512-512", "512-512", "512-512 ="),
-    "alex": ("3-64 11 4 2 =", "pool 3", "64-192 5 1 2 =", "pool 3", "192-384 =", "384-256 =", "256-256 ="),
-}  # fmt: skip
-"""Convolutions as channels in and out, kernel, stride and padding where they are not 3 1 1, each with a ReLU behind;
-what stands at `=` is compared. In torchvision's `features` a pooling counts one place, a convolution two."""
+BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
+"""Channels of VGG-16's convolutions of 3 × 3 between its poolings; what stands behind the last of each is compared."""
 
-MIN_SIDE = {"vgg": 16, "alex": 31}
+MIN_SIDE = 16
 """Pictures with shorter sides leave a layer without pixels."""
 
 
@@ -113,27 +100,19 @@ class Lpips:
         Raises:
             InputError: a file is unreadable, or holds other weights than the net's.
         """
-        self._net = files.net
         backbone = {name.removeprefix("features."): value for name, value in _load(files.backbone).items()}
         linear = _load(files.linear)
-        self._steps: list[Callable[[Tensor], Tensor]] = []
-        self._linear: dict[int, Tensor] = {}  # by the step whose features it weighs
-        place = 0
-        for layer in LAYERS[files.net]:
-            kind, *numbers = layer.removesuffix(" =").split()
-            if kind == "pool":
-                self._steps.append(partial(_pool, kernel=int(numbers[0])))
-                place += 1
-                continue
-            inputs, outputs = map(int, kind.split("-"))
-            kernel, stride, padding = map(int, numbers or (3, 1, 1))
-            weight = _take(backbone, f"{place}.weight", (outputs, inputs, kernel, kernel), files.backbone)
-            bias = _take(backbone, f"{place}.bias", (outputs,), files.backbone)
-            self._steps.append(partial(_convolve, weight=weight, bias=bias, stride=stride, padding=padding))
-            if layer.endswith("="):
-                name = f"lin{len(self._linear)}.model.1.weight"
-                self._linear[len(self._steps) - 1] = _take(linear, name, (1, outputs, 1, 1), files.linear)
-            place += 2
+        self._blocks: list[tuple[list[tuple[Tensor, Tensor]], Tensor]] = []
+        place, inputs = 0, 3  # in torchvision's `features` a convolution counts two, with its ReLU, and a pooling one
+        for number, block in enumerate(BLOCKS):
+            convolutions = []
+            for outputs in block:
+                weight = _take(backbone, f"{place}.weight", (outputs, inputs, 3, 3), files.backbone)
+                convolutions.append((weight, _take(backbone, f"{place}.bias", (outputs,), files.backbone)))
+                place, inputs = place + 2, outputs
+            weighed = _take(linear, f"lin{number}.model.1.weight", (1, inputs, 1, 1), files.linear)
+            self._blocks.append((convolutions, weighed))
+            place += 1
 
     def __call__(self, image: NDArray, reference: NDArray) -> float:
         """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped, NaN of the reference are alike.
@@ -143,35 +122,22 @@ class Lpips:
         """
         import torch
 
-        shapes, least = (np.shape(image), np.shape(reference)), MIN_SIDE[self._net]
-        if shapes[0] != shapes[1] or len(shapes[0]) != 3 or min(shapes[0][:2]) < least:
-            raise InputError(
-                f"{shapes[0]} and {shapes[1]}, expected two equal (H, W, 3), sides ≥ {least}", where="image"
-            )
+        one, other = np.shape(image), np.shape(reference)
+        if one != other or len(one) != 3 or min(one[:2]) < MIN_SIDE:
+            raise InputError(f"{one} and {other}, expected two equal (H, W, 3), sides ≥ {MIN_SIDE}", where="image")
         reference = np.where(np.isnan(reference), image, reference)
         pair = torch.from_numpy(np.stack([np.clip(p, 0, 1, dtype=np.float32) for p in (image, reference)]))
         shift, scale = (torch.tensor(v)[:, None, None] for v in (_SHIFT, _SCALE))
         x = (pair.permute(0, 3, 1, 2) * 2 - 1 - shift) / scale  # (2, 3, H, W)
         distance = 0.0
         with torch.no_grad():
-            for i, step in enumerate(self._steps):
-                x = step(x)
-                if i in self._linear:
-                    unit = x / (x.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
-                    distance += float(torch.conv2d((unit[:1] - unit[1:]).square(), self._linear[i]).mean())
+            for number, (convolutions, linear) in enumerate(self._blocks):
+                x = torch.max_pool2d(x, 2) if number else x
+                for weight, bias in convolutions:
+                    x = torch.conv2d(x, weight, bias, padding=1).relu()
+                unit = x / (x.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
+                distance += float(torch.conv2d((unit[:1] - unit[1:]).square(), linear).mean())
         return distance
-
-
-def _convolve(x: Tensor, weight: Tensor, bias: Tensor, stride: int, padding: int) -> Tensor:
-    import torch
-
-    return torch.conv2d(x, weight, bias, stride=stride, padding=padding).relu()
-
-
-def _pool(x: Tensor, kernel: int) -> Tensor:
-    import torch
-
-    return torch.max_pool2d(x, kernel, 2)
 
 
 def _load(path: Path) -> Mapping[str, Tensor]:

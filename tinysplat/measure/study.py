@@ -124,7 +124,7 @@ class Run:
     @property
     def lpips(self) -> LpipsFiles | None:
         """LPIPS with VGG, the paper's, where its weights are at hand."""
-        return find_lpips("vgg", self.options.lpips_backbone, self.options.lpips_linear)[0]
+        return find_lpips(self.options.lpips_backbone, self.options.lpips_linear)[0]
 
     def plan(self, kinds: Sequence[str] = ()) -> RunPlan:
         """Which of the user's windows are measured; of these kinds, where the command line names none."""
