@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from tinysplat.datasets import SPECS
 from tinysplat.measure.machine import changed_since, run_row
 from tinysplat.measure.pages import agreement, commits_of_rows, fill_pages, write_report
 from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
@@ -79,18 +78,6 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
     of.add_argument("--drawn", type=size, metavar="WxH", help="that pictures are judged at; default --size; walk")
     of.add_argument("--rounds", type=int, default=0, metavar="N", help="of timing; default the study's")
-    of.add_argument(
-        "--data",
-        nargs=3,
-        action="append",
-        default=[],
-        metavar=("NAME", "FOLDER", "INDEX"),
-        help=f"in chunks, for the paper's tables: {', '.join(SPECS)}",
-    )
-    of.add_argument("--near", type=float, metavar="Z", help="over the inputs' own")
-    of.add_argument("--far", type=float, metavar="Z", help="over the inputs' own")
-    of.add_argument("--lpips-backbone", metavar="F.pth", help="as for eval; paper, quality")
-    of.add_argument("--lpips-linear", metavar="F.pth", help="as for eval; paper, quality")
     of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
 
 
@@ -102,7 +89,7 @@ def run(args: Namespace) -> None:
     studies, inputs = split_words(args.words)
     before = read_rows(args.against) if args.against is not None else []  # said now, not in half an hour
     for model in args.models:
-        find_artifact(model.rpartition(":")[2] if model.split(":")[0] in SPECS else model, "network")
+        find_artifact(model, "network")
     for profile in args.profiles:
         find_profile(profile)
     folder = Path(args.output)
@@ -110,7 +97,7 @@ def run(args: Namespace) -> None:
         raise InputError("is a file, expected a folder for the report", where=args.output)
     options = Options(**{one.name: getattr(args, one.name) for one in fields(Options)})
     takes_paths = bool(TAKE_PATHS & set(studies))
-    sources, lost = find_sources([] if takes_paths else inputs, near=args.near, far=args.far)
+    sources, lost = find_sources([] if takes_paths else inputs)
     left_out = [str(entry) for entry in lost]
     if inputs and not sources and not takes_paths:
         raise InputError("; ".join(left_out) or "nothing to measure", where="bench")

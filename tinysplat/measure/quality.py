@@ -64,13 +64,11 @@ class Quality:
         lpips: weights, or None.
         refine: steps or seconds to correct Gaussians of scene folders for, before all else; None to leave them. Their
             bytes are counted as the first coding's.
-        study: what its rows are of.
     """
 
     codings: tuple[ProfileQp, ...]
     lpips: LpipsFiles | None = None
     refine: Refinement | None = None
-    study: str = "quality"
 
     def wanted(self, job: WindowJob) -> list[Row]:
         """See `runner.Work`."""
@@ -87,7 +85,7 @@ class Quality:
             "targets": window.targets,
             "size": job.size,
         }
-        row = Row(self.study, f"{job.source.name} {window}", "", stamp=stamp)
+        row = Row("quality", f"{job.source.name} {window}", "", stamp=stamp)
         return [
             replace(row, way=f"{c.profile} {c.qp:g}", setting={**identity, **asdict(c), **chosen}) for c in self.codings
         ]

@@ -12,7 +12,6 @@ from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
-from .lpips import LpipsFiles, find_lpips
 from .rows import Row, RowFile
 from .runner import RunOutcome, RunPlan
 from .subjects.cases import Case, Source, Window
@@ -56,10 +55,7 @@ class Options:
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
         targets: pictures per window at most.
         rounds: of timing; 0 for the study's own.
-        data: data sets in chunks: (name, folder, index).
-        lpips_backbone, lpips_linear: weights of LPIPS with VGG; None for those at hand.
         jobs: windows at a time.
-        near, far: over the inputs' own.
     """
 
     models: tuple[str, ...] = ()
@@ -72,12 +68,7 @@ class Options:
     drawn: tuple[int, int] | None = None
     targets: int = 3
     rounds: int = 0
-    data: tuple[tuple[str, str, str], ...] = ()
-    lpips_backbone: Path | None = None
-    lpips_linear: Path | None = None
     jobs: int = 1
-    near: float | None = None
-    far: float | None = None
 
 
 @dataclass
@@ -120,11 +111,6 @@ class Run:
     def size(self) -> tuple[int, int]:
         """Of a user's photos."""
         return self.options.size or (self.side, self.side)
-
-    @property
-    def lpips(self) -> LpipsFiles | None:
-        """LPIPS with VGG, the paper's, where its weights are at hand."""
-        return find_lpips(self.options.lpips_backbone, self.options.lpips_linear)[0]
 
     def plan(self, kinds: Sequence[str] = ()) -> RunPlan:
         """Which of the user's windows are measured; of these kinds, where the command line names none."""

@@ -17,7 +17,6 @@ STUDIES = {
     "growth": "growth.GROWTH",
     "waits": "waiting.WAITING",
     "curves": "rate.CURVES",
-    "paper": "paper.PAPER",
     "walk": "walking.WALK",
     "corners": "corners.CORNERS",
     "poses": "placing.PLACING",

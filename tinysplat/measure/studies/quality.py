@@ -18,7 +18,7 @@ def quality_rows(run: Run) -> Iterator[Row]:
     """Windows of scenes with photos."""
     options = run.options
     codings = tuple(ProfileQp(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
-    work = Quality(codings, run.lpips)
+    work = Quality(codings)
     yield from run.done(
         run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
     )
