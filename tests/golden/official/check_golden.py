@@ -1,17 +1,10 @@
-"""Read a golden fixture and compare it with computed arrays (NumPy only).
-
-    python check_golden.py golden/mvsplat_re10k_v2_64x64.npz            # describe the file
-    python check_golden.py golden/mvsplat_re10k_v2_64x64.npz mine.npz   # compare
-
-``mine.npz`` holds full-size arrays under the same keys ("out/depth",
-"out/means", "mid/cnn_features", ...). Every array of a fixture was stored with a
-stride per axis; ``subsample`` applies the same stride to a full-size array.
+"""Read a golden fixture and compare it with computed arrays, which are of full size under the same keys ("out/depth",
+"mid/cnn_features", …); every array of a fixture was stored with a stride per axis.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 
@@ -59,28 +52,3 @@ def compare(expected, meta, actual, factor=1.0):
         ok = bool((diff <= factor * (info["atol"] + 2e-4 * np.abs(ref))).all())
         rows.append((key, "ok" if ok else "FAIL", float(diff.max()), float(diff.mean()), info["atol"]))
     return rows
-
-
-def main(argv):
-    inputs, expected, meta = load_fixture(argv[0])
-    print(meta["fixture"], "| model:", meta["model"])
-    for key, value in inputs.items():
-        print(f"  in/{key:30s} {value.shape} {value.dtype}")
-    if len(argv) == 1:
-        for key in expected:
-            info = meta["tensors"][key]
-            print(
-                f"  {key:33s} full {info['full_shape']} stride {info['stride']}"
-                f" rms {info['rms']:.4g} atol {info['atol']:.2g}"
-            )
-        return 0
-    with np.load(argv[1], allow_pickle=False) as z:
-        rows = compare(expected, meta, {k: z[k] for k in z.files})
-    for key, status, dmax, dmean, atol in rows:
-        print(f"  {key:33s} {status:8s} max {dmax:.3g} mean {dmean:.3g} (atol {atol:.2g})")
-    bad = [r for r in rows if r[1] not in ("ok", "missing")]
-    return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
