@@ -244,18 +244,18 @@ def test_octrees_give_back_sorted_cells(count, side):
 def test_whatever_channels_decode_to_comes_to_valid_gaussians():
     rng = np.random.default_rng(0)
     wild = rng.choice([-1e20, -300.0, -1.0, 0.0, 0.5, 2.0, 300.0, 1e20], (400, 10))
-    columns = Columns(*wild[:, :4].T, turns=wild[:, 4:7], sh=rng.normal(size=(400, 12)))
+    columns = Columns(*wild[:, :4].T, turns=wild[:, 4:7])
     with np.errstate(all="raise", under="ignore"):
         fields = from_columns(replace(columns, sizes=expanded(columns.sizes, 0.0)))
-    made = Gaussians(means=np.zeros((400, 3)), **fields)
+    made = Gaussians(means=np.zeros((400, 3)), sh=np.zeros((400, 1, 3)), **fields)
     assert (np.diff(made.scales, axis=1) <= 0).all()
     np.testing.assert_allclose(np.linalg.norm(made.quats, axis=1), 1, rtol=1e-6)
 
 
 def test_turned_axes_show_the_same_gaussian_and_take_the_least_rotation():
     gaussians = cloud(400)
-    columns = to_columns(gaussians)
-    again = Gaussians(means=gaussians.means, **from_columns(columns))
+    columns = to_columns(gaussians, np.arange(gaussians.count))
+    again = Gaussians(means=gaussians.means, sh=gaussians.sh, **from_columns(columns))
     np.testing.assert_allclose(
         covariances(again), covariances(gaussians), rtol=0, atol=1e-6 * covariances(gaussians).max()
     )

@@ -150,8 +150,9 @@ class Gaussians:
         highest.
         """
         parts = [layer.changed(**{name: layer.listed(name) for name in FIELDS}) for layer in self.layers]
+        fields = joined(parts) if len(parts) > 1 else {name: getattr(parts[0], name) for name in FIELDS}
         viewpoints = self.cameras or self.viewpoints
-        return Gaussians.unchecked(**joined(parts), origin=self.origin, notes=self.notes, viewpoints=viewpoints)
+        return Gaussians.unchecked(**fields, origin=self.origin, notes=self.notes, viewpoints=viewpoints)
 
     def listed(self, name: str) -> NDArray:
         """One of `FIELDS` of this layer alone, (N, …)."""

@@ -198,8 +198,8 @@ def _measure(job: Job, data: bytes, limits: Limits, views: Views) -> None:
     cameras = some(views.judging, MEASURED_VIEWS)
     if not cameras:
         return
-    again = decode_gaussians(data, job.store, threads=job.threads, limits=limits)
-    found, wanted = (pictures_of(one, cameras, job.threads) for one in (again, job.gaussians.flat()))
+    wanted = pictures_of(job.gaussians.flat(), cameras, job.threads)
+    found = pictures_of(decode_gaussians(data, job.store, threads=job.threads, limits=limits), cameras, job.threads)
     error = np.mean([np.square(one - other).mean(dtype=np.float64) for one, other in zip(found, wanted, strict=True)])
     job.stats.psnr, job.stats.views = decibels(float(error)), f"{len(cameras)} views {views.text}"
 

@@ -9,7 +9,7 @@ the four that are left, so that scales and rotations repeat less of each other.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from ...container.list import MAX_EXPONENT
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.quaternions import matrices_to_quats, multiply_quats, normalize_quats, quats_to_matrices
+
+ROWS = 1 << 16
+"""Gaussians that are worked on at a time: in float64 they take several times as much as they do themselves."""
 
 LEAST_SCALE = 2e-30
 MAX_RATIO = 14.0
@@ -31,7 +34,7 @@ _HALF_TURNS = np.eye(4)
 
 @dataclass(frozen=True)
 class Columns:
-    """Gaussians as the channels that are coded; N rows.
+    """Gaussians as the channels that are coded, but for colours; N rows.
 
     Attributes:
         roots: (N,) √opacity.
@@ -39,7 +42,6 @@ class Columns:
         lengths: (N,) logarithm of the largest over the second scale, ≥ 0.
         thins: (N,) logarithm of the second over the smallest scale, ≥ 0.
         turns: (N, 3) vector part of the rotation, whose scalar part is the largest and positive.
-        sh: (N, 3B) float32.
     """
 
     roots: NDArray
@@ -47,7 +49,6 @@ class Columns:
     lengths: NDArray
     thins: NDArray
     turns: NDArray
-    sh: NDArray
 
     def as_spheres(self) -> Columns:
         """Of the same volumes, as nobody knows how they are turned."""
@@ -56,18 +57,24 @@ class Columns:
         return replace(self, sizes=self.sizes - lengths / 6 - thins / 3, lengths=none, thins=none)
 
 
-def to_columns(gaussians: Gaussians) -> Columns:
-    """The channels of (N,) Gaussians."""
-    scales = np.maximum(gaussians.scales.astype(np.float64), LEAST_SCALE)
+def to_columns(gaussians: Gaussians, rows: NDArray) -> Columns:
+    """The channels of `rows` (n,) integer of (N,) Gaussians."""
+    starts = range(0, len(rows), ROWS)
+    names = [column.name for column in fields(Columns)]
+    parts = [_part_of(gaussians, rows[start : start + ROWS]) for start in starts]
+    return Columns(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _part_of(gaussians: Gaussians, rows: NDArray) -> Columns:
+    scales = np.maximum(gaussians.scales[rows].astype(np.float64), LEAST_SCALE)
     axes = np.argsort(-scales, axis=1, kind="stable")
     logs = np.log(np.take_along_axis(scales, axes, axis=1))
     return Columns(
-        roots=np.sqrt(gaussians.opacities.astype(np.float64)),
+        roots=np.sqrt(gaussians.opacities[rows].astype(np.float64)),
         sizes=(logs[:, 0] + logs[:, 1]) / 2,
         lengths=np.minimum(logs[:, 0] - logs[:, 1], MAX_RATIO),
         thins=np.minimum(logs[:, 1] - logs[:, 2], MAX_RATIO),
-        turns=_turns(gaussians.quats, axes),
-        sh=gaussians.sh.reshape(len(axes), -1),
+        turns=_turns(gaussians.quats[rows], axes),
     )
 
 
@@ -85,7 +92,7 @@ def _turns(quats: NDArray, axes: NDArray) -> NDArray:
 
 
 def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
-    """Quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3) float32 of channels with any decoded numbers.
+    """Quats (N, 4), scales (N, 3), opacities (N,) float32 of channels with any decoded numbers.
 
     `growth` is added to logarithms of scales.
     """
@@ -101,8 +108,7 @@ def from_columns(columns: Columns, growth: float = 0.0) -> dict[str, NDArray]:
     for axis, values in enumerate((scalar, x, y, z)):
         quats[:, axis] = values / length
     opacities = np.square(np.clip(columns.roots, 0, 1)).astype(np.float32)
-    sh = np.ascontiguousarray(columns.sh.reshape(count, -1, 3), np.float32)
-    return {"quats": quats, "scales": scales, "opacities": opacities, "sh": sh}
+    return {"quats": quats, "scales": scales, "opacities": opacities}
 
 
 def companded(sizes: NDArray, middle: float) -> NDArray:

@@ -17,13 +17,13 @@ from ...system.blas import product
 from ...system.threads import Crew
 from ..hevc import CodedPlane
 from ..layers import OpenFile
-from .attributes import Columns, expanded, from_columns
+from .attributes import ROWS, Columns, expanded, from_columns
 from .grid import means_of
 from .octree import decode_points
-from .orders import Order, along_the_curve, channel_values, order_by, reached
+from .orders import Numbers, Order, along_the_curve, order_by, reached
 from .planes import plane_shape
 
-_ROWS = 1 << 16
+_SHAPES = {"quats": (4,), "scales": (3,), "opacities": ()}
 
 
 @dataclass(frozen=True)
@@ -41,17 +41,17 @@ class _Tier:
             return False
         return self.number == 0 or not self.own.lacks(PlaneClass.OPACITY, PlaneClass.SCALE, PlaneClass.COLOR)
 
-    def values(self, channel: ListChannel, order: Order) -> NDArray:
-        """A channel's numbers, (count,) float64 by the curve."""
+    def values(self, channel: ListChannel, order: Order) -> Numbers:
+        """A channel's numbers."""
         record = channel.record
         if record.lacks(0):
-            return np.full(self.own.count, channel.centre)
+            return Numbers.alike(self.own.count, channel.centre)
         if not record.pictures:
-            return channel_values(channel, None, order)
+            return Numbers.of(channel, None, order)
         container = self.file.container
         payload = bytes(container.table.payload(record, 0))
         picture = CodedPlane(container.parameter_sets[self.own.parameter_set], payload)
-        return channel_values(channel, picture.decoded(*plane_shape(len(order.rows))), order)
+        return Numbers.of(channel, picture.decoded(*plane_shape(len(order.rows))), order)
 
 
 def decode_list(file: OpenFile, scene: ListScene) -> Gaussians:
@@ -81,7 +81,7 @@ def _decode_tier(scene: ListScene, tier: _Tier, growth: float, crew: Crew) -> di
     streams = position_streams(own.positions.pictures[0])
     keys = decode_points(streams, grid.levels, grid.leaves, grid.escapes, own.count)
     means = means_of(grid, cells_of(keys))
-    found: dict[tuple[PlaneClass, int], NDArray] = {}
+    found: dict[tuple[PlaneClass, int], Numbers] = {}
     orders, counts = [along_the_curve(own.count)], np.zeros(own.count, np.uint16)
     for place, name in enumerate(DETERMINING):
         channel = own.channel(*name)
@@ -89,42 +89,51 @@ def _decode_tier(scene: ListScene, tier: _Tier, growth: float, crew: Crew) -> di
             lacking = f"holds no intact picture of {channel.record.name}, by which others are sorted"
             raise FormatError(lacking, where="file")
         found[name] = tier.values(channel, orders[place])
-        counts += reached(found[name], scene.thresholds[place])
+        counts += reached(found[name][:], scene.thresholds[place])
         orders.append(order_by(counts, scene.orders[place]))
     rest = {c.record.key: c for c in own.channels}
     rest = {name: channel for name, channel in rest.items() if name not in found}
     jobs = [(channel, orders[order_of(*name)]) for name, channel in rest.items()]
     found |= dict(zip(rest, crew.map(lambda job: tier.values(*job), jobs), strict=True))
-    columns = columns_of(found, scene.size_middle, scene.mean, scene.basis)
-    if len(scene.tiers) > 1 and own.lacks(PlaneClass.ROTATION):
-        columns = columns.as_spheres()
-    return {"means": means, **from_columns(columns, growth)}
+    is_unturned = len(scene.tiers) > 1 and own.lacks(PlaneClass.ROTATION)
+    palette = scene.size_middle, scene.mean, scene.basis
+    return {"means": means, **arrays_of(found, *palette, growth=growth, as_spheres=is_unturned)}
 
 
-def columns_of(
-    channels: Mapping[tuple[PlaneClass, int], NDArray], size_middle: float, mean: NDArray, basis: NDArray
-) -> Columns:
-    """Columns (N, …) of the numbers of all channels, (N,) float32 each, by class and target."""
-    colours = [channels[PlaneClass.COLOR, target] for target in range(basis.shape[1])]
-    return Columns(
-        roots=channels[PlaneClass.OPACITY, 0],
-        sizes=expanded(channels[PlaneClass.SCALE, 0], size_middle),
-        lengths=channels[PlaneClass.SCALE, 1],
-        thins=channels[PlaneClass.SCALE, 2],
-        turns=np.stack([channels[PlaneClass.ROTATION, target] for target in range(3)], axis=1),
-        sh=_coefficients(len(channels[PlaneClass.OPACITY, 0]), mean, basis, colours),
-    )
+def arrays_of(
+    channels: Mapping[tuple[PlaneClass, int], Numbers],
+    middle: float,
+    mean: NDArray,
+    basis: NDArray,
+    *,
+    growth: float = 0.0,
+    as_spheres: bool = False,
+) -> dict[str, NDArray]:
+    """Quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3) float32 of the numbers of all channels, by class and
+    target.
 
-
-def _coefficients(count: int, mean: NDArray, basis: NDArray, components: list[NDArray]) -> NDArray:
-    """(N, d) float32."""
-    out = np.empty((count, len(mean)), np.float32)
-    wide = basis.astype(np.float64)
-    for start in range(0, count, _ROWS):
-        stop = start + _ROWS
-        if components:
-            part = np.stack([values[start:stop] for values in components], axis=1)
-            out[start:stop] = product(part, wide.T) + mean
-        else:
-            out[start:stop] = mean
-    return out
+    Args:
+        channels: (N,) each.
+        middle, mean, basis: as `ListScene` has them.
+        growth: as `from_columns` has it.
+        as_spheres: as nobody knows how they are turned.
+    """
+    count, wide = len(channels[PlaneClass.OPACITY, 0].gains), basis.astype(np.float64).T
+    found = {name: np.empty((count, *shape), np.float32) for name, shape in _SHAPES.items()}
+    found["sh"] = np.empty((count, len(mean) // 3, 3), np.float32)
+    for start in range(0, count, ROWS):
+        part = slice(start, start + ROWS)
+        columns = Columns(
+            roots=channels[PlaneClass.OPACITY, 0][part],
+            sizes=expanded(channels[PlaneClass.SCALE, 0][part], middle),
+            lengths=channels[PlaneClass.SCALE, 1][part],
+            thins=channels[PlaneClass.SCALE, 2][part],
+            turns=np.stack([channels[PlaneClass.ROTATION, target][part] for target in range(3)], axis=1),
+        )
+        arrays = from_columns(columns.as_spheres() if as_spheres else columns, growth)
+        colours = [channels[PlaneClass.COLOR, target][part] for target in range(len(wide))]
+        sh = product(np.stack(colours, axis=1), wide) + mean if colours else np.tile(mean, (len(columns.roots), 1))
+        arrays["sh"] = sh.reshape(-1, *found["sh"].shape[1:])
+        for name, values in arrays.items():
+            found[name][part] = values
+    return found

@@ -11,7 +11,7 @@ Colours come last, so that they can make up for what all else lost.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -49,13 +49,13 @@ from ..job import EncodeStats, check_qp
 from ..profiles import EncoderSettings, Profile
 from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder
-from .attributes import KNEE, LEAST_SCALE, Columns, companded, from_columns, to_columns
-from .decoder import columns_of
+from .attributes import KNEE, LEAST_SCALE, ROWS, Columns, companded, to_columns
+from .decoder import arrays_of
 from .evenness import sizes_about
 from .grid import cells_in, grid_of, means_of, with_cell
 from .levels import WHOLE, Level, Tiers
 from .octree import encode_points
-from .orders import Order, along_the_curve, channel_values, choose_classes, order_by, reached
+from .orders import Numbers, Order, along_the_curve, choose_classes, order_by, reached
 from .planes import to_plane
 from .steps import DENSE_PLACE, OBJECT, OBJECT_DB, PLACE_DB, SPARSE, Steps, of_pictures
 from .views import Views, pictures_of, views_of
@@ -95,17 +95,16 @@ MOST_MEASURED = 8
 MOST_VIEWPOINTS = 64
 """Cameras of photos that a file keeps; of more, those that lie far from one another."""
 
-_SAMPLE = 1 << 17
-_ROWS = 1 << 16
+_SAMPLE, _TOGETHER = 1 << 17, 8
 
 
 @dataclass(frozen=True)
 class _Coded:
-    """A channel in the file, its picture unless it is a number, and (N,) float64 what a decoder makes of it."""
+    """A channel in the file, its picture unless it is a number, and what a decoder makes of it."""
 
     channel: ListChannel
     picture: CodedPlane | None
-    values: NDArray
+    values: Numbers
 
 
 @dataclass(frozen=True)
@@ -114,6 +113,7 @@ class _Tier:
 
     Attributes:
         level: how it is made.
+        rows: which of all Gaussians they are.
         grid, cells: where they lie.
         columns: their channels.
         coded: those that are coded so far.
@@ -121,6 +121,7 @@ class _Tier:
     """
 
     level: Level
+    rows: NDArray
     grid: PointGrid
     cells: NDArray
     columns: Columns
@@ -162,9 +163,8 @@ class ListEncoder(Coder):
         Raises:
             InputError: no Gaussian shows; or numbers beyond what a file can hold.
         """
-        flat = gaussians.flat()
-        shown = visible_rows(flat)
-        self._gaussians = flat.taken(shown)
+        shown = visible_rows(flat := gaussians.flat())
+        self._gaussians = flat if shown.all() else flat.taken(shown)
         self._tiers = tiers.of(shown) if tiers else Tiers.whole(self._gaussians.count)
         self._recolour = recolour
         views = views or views_of(self._gaussians)
@@ -215,7 +215,8 @@ class ListEncoder(Coder):
 
     def _rounded(self, steps: Steps) -> Gaussians:
         grid, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, steps.cell)
-        tiers = [_Tier(WHOLE[0], grid, cells_in(grid, space), to_columns(self._gaussians))]
+        rows = np.arange(self._gaussians.count)
+        tiers = [_Tier(WHOLE[0], rows, grid, cells_in(grid, space), to_columns(self._gaussians, rows))]
         scene = self._coded(tiers, steps, None)
         fields = _decoded(tiers, scene.size_middle, scene.mean, scene.basis)
         return Gaussians.unchecked(**fields, origin=self._gaussians.origin)
@@ -241,11 +242,12 @@ class ListEncoder(Coder):
         for number, level in enumerate(self._tiers.levels):
             rows = np.flatnonzero(self._tiers.numbers == number)
             grid = with_cell(whole, whole.cell * level.cell, space)
-            cells, tier = cells_in(grid, space[rows]), self._gaussians.taken(rows)
+            cells = cells_in(grid, space[rows])
             keys = morton_keys(cells)
-            order = _settled_order(keys, tier)
+            order = _settled_order(keys, self._gaussians, rows)
             points = encode_points(keys[order], int(cells.max()).bit_length() or 1)
-            placed.append(_Tier(level, replace(grid, **vars(points)), cells[order], to_columns(tier.taken(order))))
+            columns = to_columns(self._gaussians, rows[order])
+            placed.append(_Tier(level, rows[order], replace(grid, **vars(points)), cells[order], columns))
         return placed
 
     def _coded(self, tiers: Sequence[_Tier], steps: Steps, settings: EncoderSettings | None) -> ListScene:
@@ -254,18 +256,21 @@ class ListEncoder(Coder):
         sizes = np.concatenate([tier.columns.sizes for tier in tiers])
         middle = _middle(sizes) if steps.by_size else _far_below(sizes)
         thresholds, weights = _code_shapes(tiers, middle, code)
-        sh = np.concatenate([tier.columns.sh for tier in tiers])
+        sh, rows = self._gaussians.sh, [tier.rows for tier in tiers]
         if self._recolour and settings is not None:
             fields = _decoded(tiers, middle, np.zeros(3, np.float32), np.zeros((3, 0), np.float16))
-            fields["sh"] = sh.reshape(len(sh), -1, 3)
-            sh = self._recolour(Gaussians.unchecked(**fields, origin=self._gaussians.origin)).reshape(len(sh), -1)
+            fields["sh"] = sh[np.concatenate(rows)]
+            sh = self._recolour(Gaussians.unchecked(**fields, origin=self._gaussians.origin))
+            rows = np.split(np.arange(len(sh)), np.cumsum([len(own) for own in rows])[:-1])
         gains = np.concatenate([tier.orders[2].gains for tier in tiers])
-        mean, basis, components = _colours(sh, gains, steps)
-        ends, coded = np.cumsum([len(tier.cells) for tier in tiers]), []
-        for number, (tier, end) in enumerate(zip(tiers, ends, strict=True)):
-            part = slice(end - len(tier.cells), end)
-            jobs = [(PlaneClass.COLOR, target, values[part]) for target, values in enumerate(components)]
-            tier.coded.extend(code.all(jobs, tier))
+        flat = sh.reshape(len(sh), -1)
+        palette = _palette(flat, np.concatenate(rows), gains, steps)
+        mean, basis = palette.mean, palette.basis
+        coded = []
+        for number, (tier, own) in enumerate(zip(tiers, rows, strict=True)):
+            for first, components in palette.components(flat, own):
+                jobs = [(PlaneClass.COLOR, target, values) for target, values in enumerate(components, start=first)]
+                tier.coded.extend(code.all(jobs, tier))
             tier.coded.sort(key=lambda c: c.channel.record.key)
             growth = self._tiers.growths[number - 1] if number else 0.0
             coded.append(Tier(len(tier.cells), tier.grid, tuple(c.channel for c in tier.coded), growth=growth))
@@ -273,15 +278,17 @@ class ListEncoder(Coder):
         return ListScene(degree, middle, thresholds, weights, mean, basis, tuple(coded))
 
 
-def _settled_order(keys: NDArray, gaussians: Gaussians) -> NDArray:
-    """Along the curve; Gaussians of one cell by their numbers, so that the order they came in plays no part."""
+def _settled_order(keys: NDArray, gaussians: Gaussians, of: NDArray) -> NDArray:
+    """Along the curve; of the Gaussians `of` (n,) integer, those of one cell by their numbers, so that the order they
+    came in plays no part.
+    """
     order = np.argsort(keys, kind="stable")
     ordered = keys[order]
     is_same = ordered[1:] == ordered[:-1]
     tied = np.flatnonzero(np.append(is_same, False) | np.append(False, is_same))
     if len(tied):
         rows = order[tied]
-        numbers = [getattr(gaussians, name)[rows].reshape(len(rows), -1) for name in reversed(FIELDS)]
+        numbers = [getattr(gaussians, name)[of[rows]].reshape(len(rows), -1) for name in reversed(FIELDS)]
         order[tied] = rows[np.lexsort([*np.concatenate(numbers, axis=1).T, ordered[tied]])]
     return order
 
@@ -291,8 +298,9 @@ def _decoded(tiers: Sequence[_Tier], middle: float, mean: NDArray, basis: NDArra
     parts = []
     for tier in tiers:
         values = {c.channel.record.key: c.values for c in tier.coded}
-        columns = columns_of(values, middle, mean, basis)
-        parts.append({"means": means_of(tier.grid, tier.cells), **from_columns(columns)})
+        parts.append({"means": means_of(tier.grid, tier.cells), **arrays_of(values, middle, mean, basis)})
+    if len(parts) == 1:
+        return parts[0]
     return {name: np.concatenate([part[name] for part in parts]) for name in FIELDS}
 
 
@@ -321,16 +329,16 @@ class _ChannelCoder:
         code_map, picture, codes = CodeMap(0.0, float(np.float32(mean)), 0), None, None
         if high > low and not is_flat:  # a range far from zero can vanish in rounding
             if self.settings is None:
-                rounded = mean + step * whole_steps((numbers - mean) / step)
+                whole = _narrow(whole_steps((numbers - mean) / step))
                 channel = ListChannel(ChannelRecord(plane_class, target, 0, 0.0, 0.0), centre)
-                return _Coded(channel, None, rounded * order.gains + centre)
+                return _Coded(channel, None, Numbers(whole, step, mean, order.gains, centre))
             code_map = choose_code_map(low, high, mean, step)
             codes, _ = code_map.quantise(to_plane(numbers[order.rows]))
             picture = encode_plane(codes, code_map.qp, self.settings)
             codes = picture.decoded(*codes.shape)
         record = ChannelRecord(plane_class, target, code_map.qp, code_map.scale, code_map.offset)
         channel = ListChannel(record, centre)
-        return _Coded(channel, picture, channel_values(channel, codes, order))
+        return _Coded(channel, picture, Numbers.of(channel, codes, order))
 
     def _step(self, plane_class: PlaneClass, target: int) -> float:
         step = self.steps.of(plane_class, target)
@@ -358,7 +366,7 @@ def _code_shapes(
         for tier, count in zip(tiers, counts, strict=True):
             source = (tier.columns.roots, companded(tier.columns.sizes, middle), tier.columns.lengths)[number]
             tier.coded.append(code.one(plane_class, target, source, tier))
-            count += reached(tier.coded[-1].values, thresholds[number])
+            count += reached(tier.coded[-1].values[:], thresholds[number])
         if code.steps.by_size or (plane_class, target) != (PlaneClass.SCALE, 0):
             logs += np.concatenate([_log_weight(tier.columns, number) for tier in tiers])
         weights.append(choose_classes(np.concatenate(counts), logs))
@@ -402,13 +410,43 @@ def _size_thresholds(sizes: NDArray, middle: float) -> NDArray:
     return np.unique(companded(at, middle).astype(np.float32))
 
 
-def _colours(sh: NDArray, gains: NDArray, steps: Steps) -> tuple[NDArray, NDArray, list[NDArray]]:
-    """Mean (d,) float32, basis (d, k) float16, and k components (N,) of (N, d) coefficients.
+@dataclass(frozen=True)
+class _Palette:
+    """Principal components of colours.
 
-    Principal components under the weights that errors show with; as many as hold more than nothing at their steps.
+    Attributes:
+        mean: (d,) float32.
+        basis: (d, k) float16.
+        low, high: (d,) between which coefficients are cut.
+        projection: (d, k) float64, to components.
     """
-    every = -(-len(sh) // _SAMPLE)
-    sample, weights = sh[::every].astype(np.float64), np.square(1 / gains[::every])
+
+    mean: NDArray
+    basis: NDArray
+    low: NDArray
+    high: NDArray
+    projection: NDArray
+
+    def components(self, sh: NDArray, rows: NDArray) -> Iterator[tuple[int, NDArray]]:
+        """Of `rows` (n,) of coefficients (N, d) the number of a component, and from it on some (…, n) float64, till all
+        are there.
+        """
+        for first in range(0, self.projection.shape[1], _TOGETHER):
+            towards = np.ascontiguousarray(self.projection[:, first : first + _TOGETHER])
+            out = np.empty((towards.shape[1], len(rows)))
+            for start in range(0, len(rows), ROWS):
+                part = slice(start, start + ROWS)
+                own = sh[rows[part]].clip(self.low, self.high) - self.mean.astype(np.float64)
+                out[:, part] = product(own, towards).T
+            yield first, out
+
+
+def _palette(sh: NDArray, rows: NDArray, gains: NDArray, steps: Steps) -> _Palette:
+    """Principal components of `rows` (n,) of (N, d) coefficients under the weights that errors show with; as many as
+    hold more than nothing at their steps. `gains` are (n,).
+    """
+    every = -(-len(rows) // _SAMPLE)
+    sample, weights = sh[rows[::every]].astype(np.float64), np.square(1 / gains[::every])
     middle = np.median(sample, axis=0)
     most = BRIGHTEST * np.maximum(np.percentile(np.abs(sample - middle), 99, axis=0), 1)
     low, high = middle - most, middle + most
@@ -424,8 +462,10 @@ def _colours(sh: NDArray, gains: NDArray, steps: Steps) -> tuple[NDArray, NDArra
     basis = (chosen * leading_signs(chosen)).astype(np.float16)
     wide = basis.astype(np.float64)
     projection = np.linalg.solve(product(wide.T, wide), wide.T).T if k else wide
-    parts = [
-        product(sh[i : i + _ROWS].clip(low, high) - mean.astype(np.float64), projection)
-        for i in range(0, len(sh), _ROWS)
-    ]
-    return mean, basis, list(np.concatenate(parts).T)
+    return _Palette(mean, basis, low, high, projection)
+
+
+def _narrow(whole: NDArray) -> NDArray:
+    """Whole numbers, of two bytes each where these hold them."""
+    most = np.abs(whole).max()
+    return whole.astype(np.int16) if most < 1 << 15 else whole

@@ -30,17 +30,50 @@ class Order:
     gains: NDArray
 
 
-def channel_values(channel: ListChannel, codes: NDArray | None, order: Order) -> NDArray:
-    """(N,) float64 by the curve, of a picture of codes or of a constant.
+@dataclass(frozen=True)
+class Numbers:
+    """A channel's numbers by the curve, which are made as they are asked for: codes take a quarter of their memory.
 
     The order of other channels hangs on these very numbers, so FORMAT.md fixes every rounding.
+
+    Attributes:
+        codes: (N,) integer by the curve; None for a constant.
+        scale, offset, centre: a number is (code · scale + offset) · gain + centre.
+        gains: (N,) float64 by the curve.
     """
-    record = channel.record
-    if codes is None:
-        return record.offset * order.gains + channel.centre
-    by_curve = np.empty(len(order.rows))
-    by_curve[order.rows] = from_plane(codes, len(order.rows))
-    return (by_curve * record.scale + record.offset) * order.gains + channel.centre
+
+    codes: NDArray | None
+    scale: float
+    offset: float
+    gains: NDArray
+    centre: float
+
+    @classmethod
+    def of(cls, channel: ListChannel, codes: NDArray | None, order: Order) -> Numbers:
+        """Those of a picture of codes, or of a constant."""
+        record = channel.record
+        if codes is not None:
+            by_curve = np.empty(len(order.rows), codes.dtype)
+            by_curve[order.rows] = from_plane(codes, len(order.rows))
+            codes = by_curve
+        return cls(codes, record.scale, record.offset, order.gains, channel.centre)
+
+    @classmethod
+    def alike(cls, count: int, value: float) -> Numbers:
+        """All of them the same."""
+        return cls(None, 0.0, 0.0, np.ones(count), value)
+
+    def __getitem__(self, rows: slice) -> NDArray:
+        """Some of them, float64."""
+        gains = self.gains[rows]
+        if self.codes is None:
+            return self.offset * gains + self.centre
+        numbers = self.codes[rows].astype(np.float64)
+        numbers *= self.scale
+        numbers += self.offset
+        numbers *= gains
+        numbers += self.centre
+        return numbers
 
 
 def along_the_curve(count: int) -> Order:

@@ -71,6 +71,9 @@ LEAST_COVERED, LEAST_DEPTH = 0.05, 0.1
 """Cameras whose picture is covered less, or by what is nearer than this share of the depth of what lies before them,
 stand outside the scene, or in its walls."""
 
+TOGETHER = 1 << 18
+"""Gaussians that are looked at together: of more, what drawing makes of them is not kept from view to view."""
+
 _GOLDEN = math.pi * (3 - math.sqrt(5))
 _SAMPLE, _TRIED = 4096, 6
 _DOWN = np.array([0.0, 1.0, 0.0])
@@ -136,7 +139,7 @@ def _views_outside(gaussians: Gaussians, *, is_room: bool) -> tuple[list[Camera]
 
 def pictures_of(gaussians: Gaussians, cameras: Sequence[Camera], threads: int) -> list[NDArray]:
     """What cameras see as 3DGS defines drawing, (H, W, 3) float32 of at most 1 each."""
-    renderer = Renderer(gaussians, threads, **DEFINITION)
+    renderer = Renderer(gaussians, threads, **DEFINITION, keep=gaussians.count <= TOGETHER)
     return [np.minimum(renderer.render(camera), np.float32(1)) for camera in cameras]
 
 

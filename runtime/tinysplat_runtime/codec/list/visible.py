@@ -21,8 +21,8 @@ MAX_VALUE = 1e30
 
 def visible(gaussians: Gaussians) -> Gaussians:
     """As one list, without those that no renderer shows; errors as those of `visible_rows`."""
-    flat = gaussians.flat()
-    return flat.taken(visible_rows(flat))
+    rows = visible_rows(flat := gaussians.flat())
+    return flat if rows.all() else flat.taken(rows)
 
 
 def visible_rows(gaussians: Gaussians) -> NDArray:
