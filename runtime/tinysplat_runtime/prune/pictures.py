@@ -18,6 +18,7 @@ from ..render.prepare import parts
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
+from ..system import disk
 from ..system.decibels import decibels
 from . import kernels
 
@@ -42,7 +43,7 @@ class Pictures:
         """`run_jobs` maps a function over a list, on any number of threads."""
         self.cameras = tuple(cameras)
         self.wanted: dict[int, NDArray] = {}
-        self._run = run_jobs
+        self._run, self._store = run_jobs, disk.zeros((self.values,))
 
     @property
     def values(self) -> int:
@@ -62,7 +63,7 @@ class Pictures:
     def keep(self, gaussians: Gaussians) -> None:
         """Take the pictures of (N,) Gaussians as those that are wanted."""
         for number, drawn in self._drawn(gaussians, range(len(self.cameras))):
-            self.wanted[number] = self._shown(drawn, number)
+            self._place(number)[:] = self._shown(drawn, number)
 
     def errors(self, gaussians: Gaussians) -> Iterator[float]:
         """By view: Σ of squared errors of red, green and blue of at most 1."""
@@ -89,12 +90,19 @@ class Pictures:
 
             yield number, _Drawn(buffers, view, self._run(project, packed))
 
+    def _place(self, number: int) -> NDArray:
+        """Where a view's picture is kept."""
+        sizes = [3 * camera.width * camera.height for camera in self.cameras[: number + 1]]
+        shape = self.cameras[number].height, self.cameras[number].width, 3
+        self.wanted[number] = self._store[sum(sizes[:-1]) : sum(sizes)].reshape(shape)
+        return self.wanted[number]
+
     def _sums(self, drawn: _Drawn, number: int) -> NDArray:
         """The first pictures are what is wanted."""
-        buffers, camera = drawn.buffers, self.cameras[number]
+        buffers = drawn.buffers
         is_first = number not in self.wanted
         if is_first:
-            self.wanted[number] = np.empty((camera.height, camera.width, 3), np.float32)
+            self._place(number)
         wanted, sums = self.wanted[number], np.zeros((len(buffers.records), kernels.SUMS), np.float32)
         for lists in buffers.lists(drawn.visible, drawn.view):
             pairs = np.empty((lists.rows.size, kernels.SUMS), np.float32)

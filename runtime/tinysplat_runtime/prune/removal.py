@@ -15,9 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import Gaussians
+from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
+from ..system import disk
+from ..system.decibels import decibels
 from . import kernels
 from .correction import corrected
 from .merging import merged
@@ -34,6 +36,9 @@ RELAXATION = 1.5
 
 HOLD = 0.2
 """Weight of all views that were not looked at, over that of those that were; in these nothing is to change."""
+
+NOTHING_DB = 150.0
+"""Of pictures that do not differ."""
 
 _ROWS = 4096
 
@@ -53,6 +58,22 @@ class Thinned:
     rows: NDArray
     left_out: int
     psnr: float
+
+    @classmethod
+    def none(cls, gaussians: Gaussians) -> Thinned:
+        """With all of them left."""
+        return cls(gaussians, np.arange(gaussians.count), 0, NOTHING_DB)
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Thinned]) -> Thinned:
+        """What is left of blocks, one after the other, each of which is seen as much."""
+        if len(blocks) == 1:
+            return blocks[0]
+        gaussians = blocks[0].gaussians.changed(**joined([own.gaussians for own in blocks]))
+        starts = np.cumsum([0, *(own.total for own in blocks)])[:-1]
+        rows = np.concatenate([start + own.rows for start, own in zip(starts, blocks, strict=True)])
+        error = float(np.mean([10 ** (-own.psnr / 10) for own in blocks]))
+        return cls(gaussians, rows, sum(own.left_out for own in blocks), decibels(error))
 
     @property
     def total(self) -> int:
@@ -90,7 +111,12 @@ class Remover:
     """
 
     def __init__(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], run_jobs: Callable, judging: Sequence[Camera] = ()
+        self,
+        gaussians: Gaussians,
+        cameras: Sequence[Camera],
+        run_jobs: Callable,
+        judging: Sequence[Camera] = (),
+        is_late: Callable[[], bool] = lambda: False,
     ) -> None:
         """Take (N,) Gaussians.
 
@@ -100,8 +126,9 @@ class Remover:
             run_jobs: maps a function over a list, on any threads.
             judging: cameras of other views; every third says whether to merge and to correct, the others what the
                 result is worth. Without any, those that decide do both.
+            is_late: whether time is up: no more is then looked for that could go, nor merged or corrected.
         """
-        self._all, self._run = gaussians, run_jobs
+        self._all, self._run, self._is_late = gaussians, run_jobs, is_late
         self._pictures = Pictures(cameras, run_jobs)
         choosing, telling = judging[::3], [one for number, one in enumerate(judging) if number % 3]
         self._judges = self._kept(choosing) if choosing else self._pictures
@@ -109,14 +136,15 @@ class Remover:
         every = range(len(cameras))
         self._halves = (every[0::2], every[1::2] or every)
         self._costs = np.stack([self._look(gaussians, half).costs for half in self._halves], axis=1)
-        self._first, self._sh = self._costs.sum(axis=1), gaussians.sh.copy()
+        self._first, self._sh = self._costs.sum(axis=1), disk.zeros(gaussians.sh.shape)
+        self._sh[:] = gaussians.sh
         self._present, self._prices = np.arange(len(self._first)), np.full(len(self._first), np.inf)
         self._dearest, self._rounds = 0.0, 0
 
     @property
     def whole(self) -> Thinned:
         """All Gaussians."""
-        return Thinned(self._all, np.arange(self._prices.size), 0, 150.0)
+        return Thinned.none(self._all)
 
     def error_of(self, gaussians: Gaussians) -> float:
         """Σ of squared errors of the pictures that decide, over views, pixels and colours."""
@@ -149,6 +177,9 @@ class Remover:
             penalties: what a unit of squared SH coefficients of degree 1, 2, … costs; none where they may stay.
         """
         while (cheap := self._costs.sum(axis=1) < worth).mean() > FEW and self._present.size > 1:
+            if self._is_late():
+                cheap[:] = False
+                break
             self._go_on()
         keep = self._prices >= worth
         keep[self._present[cheap]] = False
@@ -170,7 +201,7 @@ class Remover:
         self._prices[self._present[gone]] = np.maximum(costs[gone], self._dearest)
         self._dearest = max(self._dearest, float(costs[gone[-1]]))
         self._present, self._costs = self._present[rest], self._costs[rest]
-        left, half = replace(self._all, sh=self._sh).taken(self._present), self._rounds % 2
+        left, half = self._all.changed(sh=self._sh).taken(self._present), self._rounds % 2
         seen = self._look(left, self._halves[half])
         self._costs[:, half] = seen.costs
         self._sh[self._present] = self._recoloured(left, seen, self._halves[half], ())
@@ -181,13 +212,13 @@ class Remover:
         gone = np.setdiff1d(np.arange(self._prices.size), rows)
         # Of what hardly showed, half is left alone: it may lie hidden behind what it would be merged into.
         shown = gone[np.argsort(self._prices[gone], kind="stable")[gone.size // 2 :]]
-        left = replace(self._all, sh=self._sh).taken(rows)
-        if shown.size:
+        left = self._all.changed(sh=self._sh).taken(rows)
+        if shown.size and not self._is_late():
             both = [self.recoloured(one, penalties) for one in (left, merged(self._all, rows, np.sort(shown)))]
             left = max(both, key=self._judges.psnr)
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
-        if shown.size:
+        if shown.size and not self._is_late():
             left = max(left, self._corrected(left), key=self._judges.psnr)
         return Thinned(left, rows, self._prices.size - rows.size, self._tellers.psnr(left))
 

@@ -10,19 +10,24 @@ matters more, so its steps are finer (`Terms.steps`): quality at a Q_g stays the
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..codec.job import EncodeStats
+from ..codec.list.blocks import blocks_of
 from ..codec.list.encoder import ListEncoder
-from ..codec.list.views import Views
-from ..codec.list.visible import visible
+from ..codec.list.views import TOGETHER, Views, views_of_block
+from ..codec.list.visible import taken, visible
 from ..codec.profiles import Profile
 from ..codec.search import Coder
+from ..errors import warn
 from ..gaussian.gaussians import Gaussians
+from ..system import disk
 from ..system.threads import Crew
+from ..system.told import NOBODY, Told
 from .removal import Remover, Thinned
 from .tiers import tiers_of
 
@@ -59,35 +64,98 @@ BYTES_EACH = 4.0
 OCTAVES_PER_QP = 0.1
 
 
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """A block of the list.
+
+    Attributes:
+        gaussians: (n,).
+        coder: rounds them.
+        remover: ranks them; None where nobody knows what people see of them, or time was up.
+    """
+
+    gaussians: Gaussians
+    coder: ListEncoder
+    remover: Remover | None
+
+
 class ThinningEncoder(Coder):
     """Codes one set of Gaussians at any Q_g without those that are not worth their bytes at it.
+
+    A large list is ranked block by block, and what a Gaussian is worth is the same in all of them.
 
     Attributes:
         profile: how planes are coded.
     """
 
     def __init__(
-        self, gaussians: Gaussians, views: Views, profile: Profile, *, threads: int, stats: EncodeStats
+        self,
+        gaussians: Gaussians,
+        views: Views,
+        profile: Profile,
+        *,
+        threads: int,
+        stats: EncodeStats,
+        seconds: float = math.inf,
+        told: Told = NOBODY,
+        together: int = TOGETHER,
     ) -> None:
-        """`views` are where it is looked at from; other arguments and errors as those of `ListEncoder`."""
-        self.profile, self._threads, self._stats = profile, threads, stats
-        self._views = views
+        """Look at the Gaussians.
+
+        Args:
+            gaussians, profile, threads, stats: as `ListEncoder` has them, and errors.
+            views: where they are looked at from.
+            seconds: after which no more is looked for that could go.
+            told: who is told how far that is.
+            together: Gaussians that are ranked together, at most.
+        """
+        self.profile, self._threads, self._stats, self._told = profile, threads, stats, told
+        self._views, self._until = views, time.monotonic() + seconds
         self._whole = ListEncoder(gaussians, profile, threads=threads, stats=stats, views=views)
         self._terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, self._whole.steps.sparse)
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):
-            self._remover = Remover(visible(gaussians), views.deciding, Crew(threads).map, views.judging)
+            shown = visible(gaussians)
+            rows = blocks_of(shown.means, together)
+            if len(rows) == 1:
+                self._blocks = [self._block(shown, views, self._whole)]
+                return
+            self._blocks = []
+            for own in told.progress("looking at blocks", rows):
+                block = taken(shown, own)
+                coder = self._whole.of_block(block, views, self._whole.steps)
+                self._blocks.append(self._block(block, views_of_block(block, views), coder))
+                disk.let_go()
+
+    def _is_late(self) -> bool:
+        return time.monotonic() > self._until
+
+    def _block(self, gaussians: Gaussians, views: Views, coder: ListEncoder) -> _Block:
+        remover = None
+        if views.deciding and not self._is_late():
+            remover = Remover(gaussians, views.deciding, Crew(self._threads).map, views.judging, self._is_late)
+        return _Block(gaussians, coder, remover)
 
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `ListEncoder.code`."""
         with self._stats.watch.stage("rank"):
             thinned, penalties = self.thinned(qp)
-            tiers = tiers_of(self._remover, thinned)
-        self._stats.left_out, self._stats.left_out_psnr = thinned.left_out, thinned.psnr
-        kept = thinned.gaussians.with_notes(replace(self._notes, pruned=thinned.text))
+            tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, thinned, strict=True)])
+        whole = Thinned.joined(thinned)
+        self._stats.left_out, self._stats.left_out_psnr = whole.left_out, whole.psnr
+        if self._is_late():
+            warn("time for pruning was up: more is kept than needs to be")
+        kept = whole.gaussians.with_notes(replace(self._notes, pruned=whole.text))
+        ends = np.cumsum([own.rows.size for own in thinned])
+        del thinned, whole
 
-        def recolour(decoded: Gaussians) -> NDArray:
-            return self._remover.recoloured(decoded, penalties).sh
+        def recolour(decoded: Gaussians, rows: NDArray) -> NDArray:
+            sh, numbers = decoded.sh.copy(), np.searchsorted(ends, rows, side="right")
+            for number, (block, costs) in enumerate(zip(self._blocks, penalties, strict=True)):
+                if block.remover is not None:
+                    own = numbers == number
+                    sh[own] = block.remover.recoloured(decoded.taken(own), costs).sh
+            return sh
 
         coder = ListEncoder(
             kept,
@@ -101,13 +169,30 @@ class ThinningEncoder(Coder):
         )
         return coder.code(qp, self._terms.steps)
 
-    def thinned(self, qp: float) -> tuple[Thinned, list[float]]:
-        """What is left at Q_g, and what its SH coefficients cost."""
-        rounded = self._whole.rounded(qp, self._terms.steps)
-        worth = self._terms.slope * self._remover.error_of(rounded) / rounded.count
+    def thinned(self, qp: float) -> tuple[list[Thinned], list[list[float]]]:
+        """What is left at Q_g of each block, and what its SH coefficients cost."""
+        error, count, by_slope = 0.0, 0, list[list[float]]()
+        for block in self._blocks:
+            rounded = block.coder.rounded(qp, self._terms.steps)
+            by_slope.append(band_penalties(rounded, 1.0))
+            if block.remover is not None:
+                error += block.remover.error_of(rounded)
+                count += rounded.count
+            disk.let_go()
+        worth = self._terms.slope * error / max(count, 1)
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
-        penalties = band_penalties(rounded, slope)
-        return self._remover.thin(worth, penalties), penalties
+        penalties = [[slope * cost for cost in costs] for costs in by_slope]
+        found: list[Thinned] = []
+        blocks = list(zip(self._blocks, penalties, strict=True))
+
+        def note() -> str:
+            return f"{sum(own.left_out for own in found):,} left out"
+
+        for block, costs in self._told.progress("pruning", blocks, note=note):
+            remover = block.remover
+            found.append(Thinned.none(block.gaussians) if remover is None else remover.thin(worth, costs))
+            disk.let_go()
+        return found, penalties
 
 
 def band_penalties(gaussians: Gaussians, slope: float) -> list[float]:

@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..codec.list.levels import LEAST_COUNT, LEVELS, Tiers
 from ..gaussian.gaussians import Gaussians
+from ..system import disk
 from .removal import Remover, Thinned
 
 GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56, 0.74, 0.94)
 """What is tried for logarithms of scales where later tiers are absent."""
 
 
-def tiers_of(remover: Remover, thinned: Thinned) -> Tiers:
-    """Tiers of what the remover left; one of few."""
-    count = thinned.rows.size
-    if count < LEAST_COUNT:
-        return Tiers.whole(count)
+def tiers_of(blocks: Sequence[tuple[Remover | None, Thinned]]) -> Tiers:
+    """Tiers of what removers left, block by block; one of few. What nobody removed from comes last."""
+    counts = [thinned.rows.size for _, thinned in blocks]
+    if sum(counts) < LEAST_COUNT:
+        return Tiers.whole(sum(counts))
+    found = []
+    for block in blocks:
+        found.append(_tiers_of(*block))
+        disk.let_go()
+    growths = np.average([tiers.growths for tiers in found], axis=0, weights=counts)
+    return Tiers(LEVELS, np.concatenate([tiers.numbers for tiers in found]), tuple(growths.tolist()))
+
+
+def _tiers_of(remover: Remover | None, thinned: Thinned) -> Tiers:
+    count, growths = thinned.rows.size, list[float]()
     numbers = np.full(count, len(LEVELS) - 1, np.uint8)
-    growths = []
+    if remover is None:
+        return Tiers(LEVELS, numbers, (0.0,) * (len(LEVELS) - 1))
     for number in range(len(LEVELS) - 2, -1, -1):
         kept = remover.dearest(thinned.rows, int(LEVELS[number].share * count))
         numbers[kept] = number
-        growths.append(_growth(remover, thinned.gaussians.taken(kept)))
+        growths.append(_growth(remover, thinned.gaussians.taken(kept)) if kept.size else 0.0)
     return Tiers(LEVELS, numbers, tuple(reversed(growths)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -18,7 +19,7 @@ from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system.told import NOBODY, Told
 from .request import Coding, CompressRequest, EncodeRequest, ListRequest
-from .stages import Tools, code, code_photos, refine, sparse
+from .stages import Pruning, Tools, code, code_photos, refine, sparse
 from .words import Refinement
 
 
@@ -172,7 +173,8 @@ def compress(
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
         gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refined)
     told.say("step", "coding")
-    data = code(gaussians, request, tools, keep_all=request.keep_all, stats=stats)
+    pruning = Pruning(request.keep_all, request.seconds or math.inf, told)
+    data = code(gaussians, request, tools, pruning=pruning, stats=stats)
     return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, refined if request.refine else None)
 
 

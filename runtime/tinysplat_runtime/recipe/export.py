@@ -195,11 +195,11 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     Moved as a whole they take their source's very pictures, which hold what cameras see; else its profile and Q_g. Cut
     or joined they are no longer pixels of views, and coded as such. What was thinned once stays as it is.
     """
-    from .stages import code
+    from .stages import Pruning, code
 
     keep_all = request.keep_all or request.prune is not None or bool(gaussians.notes.pruned)
     if source is None:
-        return code(gaussians, Coding(), tools, keep_all=keep_all)
+        return code(gaussians, Coding(), tools, pruning=Pruning(keep_all))
     data = read_limited(source, MAX_FILE_BYTES)
     container = read_container(data, tools.limits)
     if isinstance(container.body, Exact):
@@ -209,5 +209,5 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     keeps_pixels = request.views is None and request.scale == 1
     if not isinstance(container.body, Planes) or not gaussians.is_per_pixel or turns or not keeps_pixels:
         coding = Coding(profile=container.profile, qp=container.qp)
-        return code(gaussians, coding, tools, keep_all=keep_all)
+        return code(gaussians, coding, tools, pruning=Pruning(keep_all))
     return code(gaussians, Coding(like=data), tools)

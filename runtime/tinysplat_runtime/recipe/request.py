@@ -277,6 +277,7 @@ class CompressKeywords(CodingKeywords, NoteKeywords, total=False):
     """Of `compress`, beside profile and qp."""
 
     keep_all: bool
+    seconds: float | None
     cameras: Sequence[Camera] | StrPath | None
     photos: Scene | StrPath | None
     refine: Refinement | int | str | None
@@ -295,6 +296,8 @@ class CompressRequest(Noted, Coding):
 
     gaussians: Gaussians = field(kw_only=False)
     keep_all: bool = option(words.flag, False, help="all of a trained scene; default: pruned (numba)")
+    seconds: float | None = option(words.positive, metavar="S", help="longest that pruning looks for what could go")
+    """What was not looked at by then is kept, with a warning; bytes then depend on how fast the machine is."""
     cameras: Sequence[Camera] | StrPath | None = option(
         words.cameras, metavar="SCENE", help="cameras of its photos: what pictures need"
     )

@@ -5,8 +5,9 @@ Each is given `Tools`, which a `Runtime` is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -97,8 +98,28 @@ def sparse(
     return found
 
 
+@dataclass(frozen=True)
+class Pruning:
+    """How Gaussians of no pixels are left out.
+
+    Attributes:
+        keep_all: all that show at all are kept, in place of those alone that are worth their bytes.
+        seconds: after which no more is looked for that could go.
+        told: who is told how far that is.
+    """
+
+    keep_all: bool = False
+    seconds: float = math.inf
+    told: Told = NOBODY
+
+
 def code(
-    gaussians: Gaussians, coding: Coding, tools: Tools, *, keep_all: bool = False, stats: EncodeStats | None = None
+    gaussians: Gaussians,
+    coding: Coding,
+    tools: Tools,
+    *,
+    pruning: Pruning | None = None,
+    stats: EncodeStats | None = None,
 ) -> bytes:
     """Gaussians as a `.tsplat` file's bytes.
 
@@ -106,7 +127,7 @@ def code(
         gaussians: see `Runtime.compress`.
         coding: how.
         tools: to do it with.
-        keep_all: of a list, all that show at all, in place of those alone that are worth their bytes.
+        pruning: of a list; None for the usual.
         stats: filled with what was measured.
 
     Raises:
@@ -116,7 +137,7 @@ def code(
     job = Job(gaussians, profile, qp, tools.store, tools.threads, own, coding.drop_invalid)
     like = coding.example()
     if like is None and not coding.lossless and not gaussians.is_per_pixel:
-        return _code_list(job, coding, tools.limits, keep_all=keep_all, is_measured=stats is not None)
+        return _code_list(job, coding, tools.limits, pruning or Pruning(), is_measured=stats is not None)
     if like is not None:
         coder: Coder = Once(job.profile, lambda: encode_like(job, like, tools.limits))
     else:
@@ -126,7 +147,7 @@ def code(
     return _meeting(coder, coding, job, tools.limits, [cameras[index] for index in evenly(len(cameras), MOST_JUDGED)])
 
 
-def _code_list(job: Job, coding: Coding, limits: Limits, *, keep_all: bool, is_measured: bool) -> bytes:
+def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is_measured: bool) -> bytes:
     """The file of Gaussians of no pixels; `is_measured` fills the stats with its error."""
     from ..codec.list.views import from_anywhere, views_of
     from ..codec.list.visible import visible
@@ -135,7 +156,7 @@ def _code_list(job: Job, coding: Coding, limits: Limits, *, keep_all: bool, is_m
     shown = visible(job.gaussians)
     views = views_of(shown)
     looking = from_anywhere(views, shown) if is_measured or coding.target_psnr is not None else views
-    coder = _list_coder(replace(job, gaussians=shown), views, keep_all=keep_all)
+    coder = _list_coder(replace(job, gaussians=shown), views, pruning)
     data = _meeting(coder, coding, job, limits, looking.judging[:LIST_VIEWS])
     if is_measured:
         with job.stats.watch.stage("measure"):
@@ -143,13 +164,13 @@ def _code_list(job: Job, coding: Coding, limits: Limits, *, keep_all: bool, is_m
     return data
 
 
-def _list_coder(job: Job, views: Views, *, keep_all: bool) -> Coder:
+def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
     """What leaves Gaussians out that are not worth their bytes; or what keeps all: where that is asked for, and with a
     warning without numba, or where nobody knows what people see of them.
     """
     from ..codec.modes.list import encoder
 
-    if keep_all:
+    if pruning.keep_all:
         return encoder(job, views)
     try:
         from ..prune.thinning import ThinningEncoder
@@ -158,7 +179,15 @@ def _list_coder(job: Job, views: Views, *, keep_all: bool) -> Coder:
         warn(fault)
         return encoder(job, views)
     if not views.doubt:
-        return ThinningEncoder(job.gaussians, views, job.profile, threads=job.threads, stats=job.stats)
+        return ThinningEncoder(
+            job.gaussians,
+            views,
+            job.profile,
+            threads=job.threads,
+            stats=job.stats,
+            seconds=pruning.seconds,
+            told=pruning.told,
+        )
     warn(f"all Gaussians are kept: {views.doubt}")
     if not job.gaussians.viewpoints:
         return encoder(job, views)

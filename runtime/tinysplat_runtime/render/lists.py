@@ -22,7 +22,7 @@ from .prepare import Block
 from .project import View, footprint_exponent, jacobian_limits, pixels_between, wide_shapes
 from .tiles import WIDE_MARGIN
 
-MAX_KEYS = 4_000_000
+MAX_KEYS = 1_000_000
 """Most (tile, splat) pairs listed at a time, 20 bytes each, unless a single tile has more."""
 
 

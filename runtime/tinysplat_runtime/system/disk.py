@@ -67,6 +67,13 @@ class _Held:
         self._lock = threading.Lock()
         self._watcher: threading.Thread | None = None
 
+    def let_go(self) -> None:
+        """Of all that memory holds of them; what is touched next comes back."""
+        with self._lock:
+            live = list(self._mappings)
+        for mapping in live:
+            mapping.madvise(mmap.MADV_DONTNEED)  # they keep what they hold: the files are shared
+
     def watch(self, mapping: mmap.mmap) -> None:
         with self._lock:
             self._mappings.add(mapping)
@@ -84,16 +91,15 @@ class _Held:
                         self._watcher = None
                         return
                 if _mapped_bytes(status) - others > HELD_BYTES:
-                    self._let_go()
-
-    def _let_go(self) -> None:
-        with self._lock:
-            live = list(self._mappings)
-        for mapping in live:
-            mapping.madvise(mmap.MADV_DONTNEED)  # they keep what they hold: the files are shared
+                    self.let_go()
 
 
 _HELD = _Held()
+
+
+def let_go() -> None:
+    """Give memory back that holds such arrays, until they are touched again: after a part of the work."""
+    _HELD.let_go()
 
 
 def _mapped_bytes(status: FileIO) -> int:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +39,11 @@ from ...errors import InputError
 from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
+from ...scene.cameras import Camera
 from ...scene.neighbours import spread
 from ...system.blas import product, symmetric_eigen
 from ...system.decibels import decibels
+from ...system.evenly import evenly
 from ...system.threads import Crew
 from ..basis import leading_signs
 from ..depth_step.blocks import whole_steps
@@ -50,6 +53,7 @@ from ..profiles import EncoderSettings, Profile
 from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder
 from .attributes import KNEE, LEAST_SCALE, ROWS, Columns, companded, to_columns
+from .blocks import blocks_of
 from .decoder import arrays_of
 from .evenness import sizes_about
 from .grid import cells_in, grid_of, means_of, with_cell
@@ -58,8 +62,8 @@ from .octree import encode_points
 from .orders import Numbers, Order, along_the_curve, choose_classes, order_by, reached
 from .planes import to_plane
 from .steps import DENSE_PLACE, OBJECT, OBJECT_DB, PLACE_DB, SPARSE, Steps, of_pictures
-from .views import Views, pictures_of, views_of
-from .visible import visible_rows
+from .views import Views, pictures_of, views_of, views_of_block
+from .visible import taken, visible_rows
 
 ROUND, LONGEST, COARSEST_TURN = 1.5, 80, 16.0
 """How a round Gaussian is turned does not show: steps of rotation are as many times coarser as the logarithm of the
@@ -89,8 +93,8 @@ LENGTH_THRESHOLDS = (np.arange(1, 5) * math.log(2)).astype(np.float32)
 UNSEEN = 0.9
 """Steps of what nobody knows how it is looked at, over those of Gaussians that cover several pixels."""
 
-MOST_MEASURED = 8
-"""Views that steps are measured in."""
+MOST_MEASURED, MOST_BLOCKS = 8, 4
+"""Views that steps are measured in; and blocks of a large list."""
 
 MOST_VIEWPOINTS = 64
 """Cameras of photos that a file keeps; of more, those that lie far from one another."""
@@ -146,7 +150,7 @@ class ListEncoder(Coder):
         views: Views | None = None,
         steps: Steps | None = None,
         tiers: Tiers | None = None,
-        recolour: Callable[[Gaussians], NDArray] | None = None,
+        recolour: Callable[[Gaussians, NDArray], NDArray] | None = None,
     ) -> None:
         """Leave out what no renderer shows.
 
@@ -158,13 +162,15 @@ class ListEncoder(Coder):
             views: where people look at them from; None for what `views_of` finds.
             steps: at Q_g = 0; None for those that pictures of `views` ask for.
             tiers: what a prefix shows first; None for one tier.
-            recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had.
+            recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had; told
+                which of `gaussians` they are.
 
         Raises:
             InputError: no Gaussian shows; or numbers beyond what a file can hold.
         """
         shown = visible_rows(flat := gaussians.flat())
-        self._gaussians = flat if shown.all() else flat.taken(shown)
+        self._shown = np.flatnonzero(shown)
+        self._gaussians = taken(flat, self._shown)
         self._tiers = tiers.of(shown) if tiers else Tiers.whole(self._gaussians.count)
         self._recolour = recolour
         views = views or views_of(self._gaussians)
@@ -224,16 +230,38 @@ class ListEncoder(Coder):
     def _of_pictures(self, views: Views) -> Steps:
         """Steps that views ask for; of what nobody knows how it is looked at, those that show from anywhere."""
         dense = (OBJECT if views.is_object else DENSE_PLACE).turned_by(_turn_step(self._gaussians))
-        if not views.deciding:
+        looked_at = list(self._looked_at(views))
+        if not looked_at:
             return SPARSE.times(UNSEEN)
-        cameras = views.some(MOST_MEASURED)
-        wanted = pictures_of(self._gaussians, cameras, self._threads)
+        wanted = [pictures_of(coder._gaussians, cameras, self._threads) for coder, cameras in looked_at]
 
         def psnr(steps: Steps) -> float:
-            found = pictures_of(self._rounded(steps), cameras, self._threads)
-            return decibels(float(np.mean([np.square(a - b).mean() for a, b in zip(found, wanted, strict=True)])))
+            errors = []
+            for (coder, cameras), pictures in zip(looked_at, wanted, strict=True):
+                found = pictures_of(coder._rounded(steps), cameras, self._threads)
+                errors += [np.square(a - b).mean() for a, b in zip(found, pictures, strict=True)]
+            return decibels(float(np.mean(errors)))
 
         return of_pictures(dense, psnr, OBJECT_DB if views.is_object else PLACE_DB)
+
+    def _looked_at(self, views: Views) -> Iterator[tuple[ListEncoder, list[Camera]]]:
+        """Coders of some blocks, whose steps nobody knows yet, and cameras that see these."""
+        if not views.deciding:
+            return
+        blocks = blocks_of(self._gaussians.means)
+        if len(blocks) == 1:
+            yield self, views.some(MOST_MEASURED)
+            return
+        for number in evenly(len(blocks), MOST_BLOCKS):
+            block = taken(self._gaussians, blocks[number])
+            cameras = views_of_block(block, views).some(MOST_MEASURED // min(len(blocks), MOST_BLOCKS))
+            if cameras:
+                yield self.of_block(block, views, SPARSE), cameras
+
+    def of_block(self, block: Gaussians, views: Views, steps: Steps) -> ListEncoder:
+        """The same for a block of them."""
+        kinds: dict[str, Any] = {"threads": self._threads, "stats": self._stats}
+        return ListEncoder(block, self.profile, views=views, steps=steps, **kinds)
 
     def _placed(self, steps: Steps) -> list[_Tier]:
         """Tiers with their positions coded, each along the curve."""
@@ -260,7 +288,8 @@ class ListEncoder(Coder):
         if self._recolour and settings is not None:
             fields = _decoded(tiers, middle, np.zeros(3, np.float32), np.zeros((3, 0), np.float16))
             fields["sh"] = sh[np.concatenate(rows)]
-            sh = self._recolour(Gaussians.unchecked(**fields, origin=self._gaussians.origin))
+            decoded = Gaussians.unchecked(**fields, origin=self._gaussians.origin)
+            sh = self._recolour(decoded, self._shown[np.concatenate(rows)])
             rows = np.split(np.arange(len(sh)), np.cumsum([len(own) for own in rows])[:-1])
         gains = np.concatenate([tier.orders[2].gains for tier in tiers])
         flat = sh.reshape(len(sh), -1)
@@ -448,11 +477,12 @@ def _palette(sh: NDArray, rows: NDArray, gains: NDArray, steps: Steps) -> _Palet
     every = -(-len(rows) // _SAMPLE)
     sample, weights = sh[rows[::every]].astype(np.float64), np.square(1 / gains[::every])
     middle = np.median(sample, axis=0)
-    most = BRIGHTEST * np.maximum(np.percentile(np.abs(sample - middle), 99, axis=0), 1)
+    away = [np.percentile(np.abs(column - of), 99) for column, of in zip(sample.T, middle, strict=True)]
+    most = BRIGHTEST * np.maximum(away, 1)
     low, high = middle - most, middle + most
-    sample = sample.clip(low, high)
+    centred = sample.clip(low, high, out=sample)
     mean = (np.einsum("nd,n->d", sample, weights) / weights.sum()).astype(np.float32)
-    centred = sample - mean
+    centred -= mean
     moment = product((centred * weights[:, None]).T, centred) / len(sample)
     values, vectors = symmetric_eigen(moment)
     numbers = range(len(values))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ LEAST_COVERED, LEAST_DEPTH = 0.05, 0.1
 """Cameras whose picture is covered less, or by what is nearer than this share of the depth of what lies before them,
 stand outside the scene, or in its walls."""
 
-TOGETHER = 1 << 18
+TOGETHER = 200_000
 """Gaussians that are looked at together: of more, what drawing makes of them is not kept from view to view."""
 
 _GOLDEN = math.pi * (3 - math.sqrt(5))
@@ -120,6 +121,20 @@ def views_of(gaussians: Gaussians) -> Views:
     return Views([], [], False, "from nowhere", doubt)
 
 
+def views_of_block(gaussians: Gaussians, whole: Views) -> Views:
+    """Views of (N,) Gaussians that are a block of a list which `whole` are those of: of its viewpoints those that see
+    some of them, or about them.
+    """
+    if whole.doubt:
+        return whole
+    if not gaussians.viewpoints:
+        return replace(whole, **_pair(_views_outside(gaussians, is_room=False)))
+    points = _sampled(gaussians)
+    seeing = tuple(camera for camera in gaussians.viewpoints if _inside(points, camera)[0].any())
+    found = _views_through(gaussians.changed(viewpoints=seeing))
+    return replace(whole, **_pair(found or ([], [])), doubt="" if found else "cameras show too little of it")
+
+
 def from_anywhere(views: Views, gaussians: Gaussians) -> Views:
     """The views of (N,) Gaussians, or where nobody knows where people stand, those from outside and from the middle of
     rooms.
@@ -131,6 +146,10 @@ def from_anywhere(views: Views, gaussians: Gaussians) -> Views:
     return replace(views, deciding=deciding, judging=judging, text=text)
 
 
+def _pair(views: tuple[list[Camera], list[Camera]]) -> dict[str, Any]:
+    return dict(zip(("deciding", "judging"), views, strict=True))
+
+
 def _views_outside(gaussians: Gaussians, *, is_room: bool) -> tuple[list[Camera], list[Camera]]:
     if _lies_too_far(gaussians):
         return [], []
@@ -139,8 +158,12 @@ def _views_outside(gaussians: Gaussians, *, is_room: bool) -> tuple[list[Camera]
 
 def pictures_of(gaussians: Gaussians, cameras: Sequence[Camera], threads: int) -> list[NDArray]:
     """What cameras see as 3DGS defines drawing, (H, W, 3) float32 of at most 1 each."""
-    renderer = Renderer(gaussians, threads, **DEFINITION, keep=gaussians.count <= TOGETHER)
+    renderer = _renderer(gaussians, threads)
     return [np.minimum(renderer.render(camera), np.float32(1)) for camera in cameras]
+
+
+def _renderer(gaussians: Gaussians, threads: int | None = None) -> Renderer:
+    return Renderer(gaussians, threads, **DEFINITION, keep=gaussians.count <= TOGETHER)
 
 
 def is_surely_an_object(gaussians: Gaussians) -> bool:
@@ -156,7 +179,7 @@ def is_surely_an_object(gaussians: Gaussians) -> bool:
     most, nearly_all = np.percentile(away, (90, 99.9))
     if nearly_all > LONGEST_TAIL * most or is_uneven(sizes_about(gaussians)):
         return False
-    renderer = Renderer(gaussians, **DEFINITION)
+    renderer = _renderer(gaussians)
     outer = [camera.resized(64, 64) for camera in _outer_views(gaussians, OUTER, 0.0)]
     covered = [(renderer.render(camera, outputs=("alpha",))["alpha"] > 0.5).mean() for camera in outer]
     return bool(np.median(covered) <= MOST_COVERED) and not _is_room(gaussians)
@@ -191,27 +214,39 @@ def _showing(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[list[Came
     """Those of the cameras that have some of (N,) Gaussians before them, in more than a point, and the depth in which
     they see these, scene units; none where that are too few, or they show too little.
     """
-    points = gaussians.means[:: -(-gaussians.count // _SAMPLE)].astype(np.float64) + gaussians.origin
+    points = _sampled(gaussians)
     seen, showing, depths = np.zeros(len(points), bool), [], []
     for camera in cameras:
-        local = (points - camera.centre) @ camera.rotation.T
-        pixels = local @ camera.K.T / (camera.width, camera.height, 1)
-        inside = local[:, 2] > NEAR_PLANE
-        inside &= ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:])).all(axis=1)
+        inside, pixels = _inside(points, camera)
         seen |= inside
         places = pixels[inside, :2] / pixels[inside, 2:]
         if len(places) and np.ptp(np.percentile(places, (5, 95), axis=0), axis=0).max() >= LEAST_COVERED:
             showing.append(camera)
-            depths.append(float(np.median(local[inside, 2])))
+            depths.append(float(np.median(pixels[inside, 2])))
     if seen.mean() < LEAST_SEEN or len(showing) <= len(cameras) / 2:
         return [], 0.0
-    renderer, shows = Renderer(gaussians, **DEFINITION), []
+    renderer, shows = _renderer(gaussians), []
     for number in evenly(len(showing), _TRIED):
         drawn = renderer.render(showing[number].resized(32, 32), outputs=("depth", "alpha"))
         covered = drawn["alpha"] > 0.5
         before = float(np.median(drawn["depth"][covered])) if covered.any() else 0.0
         shows.append(covered.mean() >= LEAST_COVERED and before >= LEAST_DEPTH * depths[number])
     return (showing, float(np.median(depths))) if np.mean(shows) >= 0.5 else ([], 0.0)
+
+
+def _sampled(gaussians: Gaussians) -> NDArray:
+    """(n, 3) float64 means of some of (N,) Gaussians, world."""
+    return gaussians.means[:: -(-gaussians.count // _SAMPLE)].astype(np.float64) + gaussians.origin
+
+
+def _inside(points: NDArray, camera: Camera) -> tuple[NDArray, NDArray]:
+    """Which of (n, 3) points lie before a camera in its frame, (n,) bool, and (n, 3) float64 their places in it, in
+    shares of its sides, times z, and z.
+    """
+    local = (points - camera.centre) @ camera.rotation.T
+    pixels = local @ camera.K.T / (camera.width, camera.height, 1)
+    inside = local[:, 2] > NEAR_PLANE
+    return inside & ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:])).all(axis=1), pixels
 
 
 def _pairs(cameras: Sequence[Camera], depth: float) -> list[tuple[Camera, Camera]]:
@@ -288,7 +323,7 @@ def _is_room(gaussians: Gaussians) -> bool:
     if _lies_too_far(gaussians):
         return False
     middle, diagonal = _bulk(gaussians)
-    renderer = Renderer(gaussians, 1, **DEFINITION)
+    renderer = _renderer(gaussians, 1)
     depths, alphas = [], []
     for turn in range(4):
         direction = np.array([math.sin(turn * math.pi / 2), 0.0, math.cos(turn * math.pi / 2)])

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, warn
-from ...gaussian.gaussians import Gaussians
+from ...gaussian.gaussians import FIELDS, Gaussians
+from ...system import disk
 from .grid import BULK
 
 LEAST_OPACITY = 1 / 255
@@ -22,7 +23,7 @@ MAX_VALUE = 1e30
 def visible(gaussians: Gaussians) -> Gaussians:
     """As one list, without those that no renderer shows; errors as those of `visible_rows`."""
     rows = visible_rows(flat := gaussians.flat())
-    return flat if rows.all() else flat.taken(rows)
+    return taken(flat, np.flatnonzero(rows))
 
 
 def visible_rows(gaussians: Gaussians) -> NDArray:
@@ -46,3 +47,15 @@ def visible_rows(gaussians: Gaussians) -> NDArray:
         warn(f"{int(is_lost.sum())} Gaussians lie more than {LOST:g} times as far out as most and are left out")
         is_shown[is_shown] = ~is_lost
     return is_shown
+
+
+def taken(gaussians: Gaussians, rows: NDArray) -> Gaussians:
+    """Rows (n,) integer of a list, rising, on disk where there are many."""
+    if len(rows) == gaussians.count:
+        return gaussians
+    fields = {}
+    for name in FIELDS:
+        values = getattr(gaussians, name)
+        fields[name] = disk.zeros((len(rows), *values.shape[1:]), views=len(rows))
+        np.take(values, rows, axis=0, out=fields[name], mode="clip")  # in other modes numpy makes a copy first
+    return gaussians.changed(**fields)
