@@ -61,10 +61,9 @@ class LayerSynthesis:
             "depth_limits": as_input(layer.depth_limits),
         }
         grid = (len(cameras), layer.height, layer.width)
-        means, quats, scales, opacities, self._sh = store.memory.empty(
-            [(*grid, 3), (*grid, 4), (*grid, 3), grid, (*grid, color_mix.shape[1])]
-        )
-        self._geometry = {"means": means, "quats": quats, "scales": scales, "opacities": opacities}
+        shapes = {"means": (*grid, 3), "quats": (*grid, 4), "scales": (*grid, 3), "opacities": grid}
+        self._geometry = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
+        self._sh = np.empty((*grid, color_mix.shape[1]), np.float32)
 
     def run(self, view: int, geometry: NDArray | None = None, colors: NDArray | None = None) -> None:
         """Make a view's means, quats, scales and opacities, its SH coefficients, or both at once.

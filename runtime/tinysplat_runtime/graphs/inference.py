@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ModelError
-from ..system.buffers import Recycler
 from ..system.threads import available_cores
 from .artifacts import Artifact, find_artifact, load_manifest, network_by_hash
 from .providers import CPU, Provider, add_providers, first_line, nodes_by_provider
@@ -258,7 +257,6 @@ class GraphStore:
         profile: str | None = None,
     ) -> None:
         self._threads, self._providers, self._models, self._profile = threads, tuple(providers), models, profile
-        self.memory = Recycler()
         self._graphs: dict[str, Graph] = {}
         self._lock = threading.Lock()
 
