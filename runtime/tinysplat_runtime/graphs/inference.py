@@ -243,9 +243,6 @@ class GraphStore:
         providers: onnxruntime execution providers in order of preference.
         models: folder of the artifacts; None for the usual places.
         profile: folder to note in which provider ran what; None not to.
-
-    Attributes:
-        memory: where the results of synthesis lie.
     """
 
     def __init__(
