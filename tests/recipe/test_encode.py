@@ -144,30 +144,32 @@ def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> No
     assert "\n" not in shown and all(str(number) in shown for number in (VIEWS, WIDTH, HEIGHT))
 
 
-def test_a_capture_becomes_one_list_for_other_viewers(
-    many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_capture_becomes_one_list_for_other_viewers_and_coded(many: Path, tmp_path: Path) -> None:
     pytest.importorskip("numba")
     file = tmp_path / "room.spz"
     words = ("--size", "64x48", "--at-most", "900", "--refine", "40", "--near", "2", "--far", "9", "-q")
-    commanded(many, file, *words)
-    found = ts.load_gaussians(file)
-    assert 0 < found.count <= 900 and not found.is_per_pixel and len(found.viewpoints) == VIEWS
+    commanded(many, file, *words, "--model", "sweep")
+    data = commanded(many, tmp_path / "room.tsplat", *words, "--model", "sweep", "--mode", "list")
     scene = ts.load_scene(many).resized(48, 64)
-    shown = [ts.render(found, camera, **DEFINITION) for camera in scene.cameras]
-    wanted = [frame.image() for frame in scene.frames]
-    assert np.mean([psnr(one, other) for one, other in zip(shown, wanted, strict=True)]) > 18
+    photos = [frame.image() for frame in scene.frames]
+    for found in (ts.load_gaussians(file), ts.decompress(data)):
+        assert 0 < found.count <= 900 and not found.is_per_pixel and len(found.viewpoints) == VIEWS
+        shown = [ts.render(found, camera, **DEFINITION) for camera in scene.cameras]
+        assert np.mean([psnr(one, other) for one, other in zip(shown, photos, strict=True)]) > 18
 
 
 def test_what_only_a_tsplat_file_has_is_refused_of_a_list_and_the_reverse(
     many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for words, option in ((["room.spz", "--qp", "3"], "--qp"), (["a.tsplat", "--at-most", "9"], "--at-most")):
+    for words, option in (
+        (["room.spz", "--qp", "3"], "--qp"),
+        (["a.tsplat", "--at-most", "9"], "--at-most"),
+        (["a.tsplat", "--mode", "list", "--lossless"], "--mode"),
+    ):
         assert main(["encode", str(many), "-o", str(tmp_path / words[0]), *words[1:]]) == 2
         assert tells(capsys.readouterr().err, option)
 
 
-def test_few_photos_become_a_list_of_all_their_pixels(many: Path, tmp_path: Path) -> None:
-    words = ("--views", "0,3", "--size", "64x48", "--near", "2", "--far", "9", "--model", "sweep", "-q")
-    commanded(many, tmp_path / "two.npz", *words)
-    assert ts.load_gaussians(tmp_path / "two.npz").count >= 2 * 64 * 48
+def test_few_photos_become_no_list(many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", str(many), "-o", str(tmp_path / "two.spz"), "--views", "0,3", "--size", "64x48"]) == 2
+    assert tells(capsys.readouterr().err, "2 6 decode")

@@ -29,8 +29,6 @@ def encode(args: Namespace) -> None:
     if not (is_standard(args.output) or args.output.lower().endswith(SUFFIX)):
         _list(args, voice, runtime)
         return
-    if args.at_most is not None:
-        raise InputError("of one list for any viewer, -o F.spz, not of a .tsplat file", where="--at-most")
     request = asked(args, EncodeRequest, args.scene)
     coded = encode_photos(request, runtime, voice, keep=bool(args.report))
     _write(coded, voice, args.report, runtime, model=request.model)
@@ -39,13 +37,17 @@ def encode(args: Namespace) -> None:
 
 
 def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
-    """Photos to a file for any viewer."""
+    """Photos to a file for any viewer: a list that is not coded."""
+    from ..codec.modes import LIST
     from ..recipe.export import write_list
-    from ..recipe.request import ExportRequest, ListRequest
+    from ..recipe.request import Coding, ExportRequest
 
-    if args.report:
-        raise InputError("of .tsplat files, which this is none of", where="--report")
-    gaussians = listed(asked(args, ListRequest, args.scene), runtime, voice)
+    given = [name for name in (*Coding.options(), "report") if getattr(args, name, None)]
+    if given or args.mode not in (None, LIST):
+        option = f"--{(given or ['mode'])[0].replace('_', '-')}"
+        raise InputError(f"of .tsplat files, expected none with {args.output}", where=option)
+    args.mode = LIST
+    gaussians, *_ = listed(asked(args, EncodeRequest, args.scene), runtime, voice)
     for loss in write_list(args.output, gaussians, ExportRequest()):
         voice.say("notice", loss, args.output)
     size = Path(args.output).stat().st_size
@@ -82,8 +84,9 @@ def _write(coded: Encoded, voice: Voice, report: str | None, runtime: Runtime, *
         if stats.psnr is not None:
             pruned = f"{stats.left_out:,} Gaussians pruned" if stats.left_out else "all Gaussians kept"
             voice.done(f"{stats.psnr:.1f} dB to what was given, in {stats.views}; {pruned}")
-        smaller = "if these are pixels of known views, --grid V,H,W and --cameras make the file smaller"
-        voice.done(f"coded as a list; {smaller}")
+        if coded.scene is None:
+            smaller = "if these are pixels of known views, --grid V,H,W and --cameras make the file smaller"
+            voice.done(f"coded as a list; {smaller}")
 
 
 def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> None:

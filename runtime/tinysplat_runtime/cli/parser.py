@@ -108,7 +108,7 @@ def build_parser(only: str | None = None) -> tuple[_Parser, Commands]:
 
 
 def _encode(commands: Commands) -> None:
-    from ..recipe.request import VIDEO, ListRequest
+    from ..recipe.request import VIDEO, EncodeRequest
 
     parser = commands.add_parser(
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
@@ -119,7 +119,7 @@ def _encode(commands: Commands) -> None:
     )
     _written(parser)
     _quiet(parser)
-    more = add_options(parser, ListRequest)[VIDEO]
+    more = add_options(parser, EncodeRequest)[VIDEO]
     more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     add_provider(more)
     add_threads(more)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 from ..codec.job import EncodeStats, PhotoScene
-from ..codec.modes import DEFAULT_MODE
+from ..codec.modes import DEFAULT_MODE, LIST, PHOTOS
 from ..errors import InputError
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
@@ -18,7 +18,7 @@ from ..render.near import FEW
 from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system.told import NOBODY, Told
-from .request import Coding, CompressRequest, EncodeRequest, ListRequest
+from .request import Coding, CompressRequest, EncodeRequest
 from .stages import Pruning, Tools, code, code_photos, refine, sparse
 from .words import Refinement
 
@@ -79,6 +79,8 @@ def encode(
 
     stats, refined = stats or EncodeStats(), RefineStats()
     request = replace(request, like=request.example())
+    if request.mode == LIST:
+        return _list_coded(request, tools, told, stats, keep)
     scene, way = _ready(request, tools, told)
     refinement = chosen(request, scene, way, told)
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
@@ -92,44 +94,57 @@ def encode(
     return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, doubted)
 
 
-def listed(request: ListRequest, tools: Tools, told: Told = NOBODY) -> Gaussians:
-    """Photos to one list of Gaussians that any viewer draws: of a capture, more than `FEW` photos, a few, corrected
-    until they show these; of fewer photos those of all their pixels.
+def _list_coded(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, keep: bool) -> Encoded:
+    """The file of a capture as one list."""
+    gaussians, scene, doubted = listed(request, tools, told, stats=stats)
+    told.say("step", "coding")
+    data = code(gaussians, request, tools, pruning=Pruning(told=told), stats=stats)
+    return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, None, scene, doubted)
+
+
+def listed(
+    request: EncodeRequest, tools: Tools, told: Told = NOBODY, *, stats: EncodeStats | None = None
+) -> tuple[Gaussians, Scene, tuple[str, ...]]:
+    """A capture as one list of few Gaussians that any viewer draws, corrected until they show its photos.
 
     Args:
         request: which photos, and how.
         tools: to do it with, such as a `Runtime`.
         told: who is told what goes on; doubts are looked for where somebody listens.
+        stats: filled with the seconds of each step.
+
+    Returns:
+        The list, the photos as the network had them, and doubts.
 
     Raises:
-        InputError: the scene or an option cannot be used, memory does not suffice, or numba is missing.
+        InputError: the scene or an option cannot be used, six photos or fewer, memory does not suffice, or numba is
+            missing.
         ModelError, NumericError: see `Runtime.predict`.
     """
     from .memory import check_memory
 
-    stats = EncodeStats()
+    stats = stats or EncodeStats()
+    if find_spec("numba") is None:
+        raise InputError('needs numba; pip install "tinysplat[fast]" brings it', where="mode")
     scene, way = _ready(request, tools, told)
-    is_capture = len(scene.frames) > FEW
-    if is_capture and find_spec("numba") is None:
-        fault = "numba, which a capture as one list needs, is missing"
-        raise InputError(f'{fault}; pip install "tinysplat[fast]" brings it', where="encode")
-    check_memory(scene, way, refined=bool(request.refine))
-    gaussians, _ = _predicted(request, scene, way, told, stats)
-    if not is_capture:
-        if request.refine:
-            gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, RefineStats())
-        return gaussians.flat()
+    if len(scene.frames) <= FEW:
+        fault = f"{len(scene.frames)} photos, expected more than {FEW}"
+        raise InputError(f"{fault}; `encode` and then `decode` write those of all their pixels", where=str(scene.path))
+    check_memory(scene, way, refined=True)
+    gaussians, doubted = _predicted(request, scene, way, told, stats)
     from ..refine.photos import matched, sizes_of
 
-    (targets,) = sizes_of(gaussians, matched(gaussians, scene), closer=False)
-    return sparse(gaussians, targets, request.refine, request.at_most, tools, told)
+    with stats.watch.stage("train"):
+        (targets,) = sizes_of(gaussians, matched(gaussians, scene), closer=False)
+        gaussians = sparse(gaussians, targets, request.refine, request.at_most, tools, told)
+    return gaussians, scene, doubted
 
 
 def _ready(request: EncodeRequest, tools: Tools, told: Told) -> tuple[Scene, Way]:
     """The scene as the network is to have it, and its way through it."""
     from .prepare import prepared
 
-    scene, is_whole = prepared(request, told), request.mode != DEFAULT_MODE
+    scene, is_whole = prepared(request, told), request.mode == PHOTOS
     way = Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
     return scene, way
 

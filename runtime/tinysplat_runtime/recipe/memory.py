@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..codec.modes import DEFAULT_MODE
+from ..codec.modes import DEFAULT_MODE, PHOTOS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
 from ..graphs.ways import OneByOne, SmallCopies, Way
@@ -64,7 +64,7 @@ def check_memory(scene: Scene, way: Way | None = None, *, mode: str = DEFAULT_MO
     """
     each, enlarger = isinstance(way, OneByOne), way.enlarger if isinstance(way, SmallCopies) else None
     on_disk = REFINED_DISK_BYTES_PER_PIXEL if refined else DISK_BYTES_PER_PIXEL
-    disk = room() / on_disk if mode == DEFAULT_MODE else 0  # in pixels
+    disk = room() / on_disk if mode != PHOTOS else 0  # in pixels
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
 
     def needed(pixels: float) -> float:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from ..codec.decoder import decode_gaussians
 from ..codec.parts import SceneFile
 from ..codec.ranges import ranges_of
+from ..container.list import List
+from ..container.reader import read_container
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..render import Renderer
 from ..render.compare import mean_decibels
@@ -58,11 +60,11 @@ class Look:
 
 def compared(data: bytes, scene: Scene, tools: Tools, model: str) -> Look:
     """A file beside the photos that it was made of; `model` is the network of files that hold photos."""
-    count = len(scene.frames)
-    near, seen = near_of(data, count, tools, model), scene.views(looked_at(count))
+    count, is_list = len(scene.frames), isinstance(read_container(data, tools.limits).body, List)
+    near, seen = near_of(data, 2 if is_list else count, tools, model), scene.views(looked_at(count))
     some = near(seen.cameras[0])
     psnr = own_psnr(near, seen.cameras, seen.images(judged=True), tools.threads)
-    return Look(some.count // len(some.cameras) * count, psnr)
+    return Look(some.count if is_list else some.count // len(some.cameras) * count, psnr)
 
 
 def looked_at(count: int) -> list[int]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..codec.modes import DEFAULT_MODE
+from ..codec.modes import PHOTOS
 from ..container.layout import MAX_VIEWS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
@@ -298,7 +298,7 @@ def _masked(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
     """The scene without photos of which masks leave nothing; says how much they leave out, and as what."""
     if not any(frame.mask for frame in scene.frames):
         return scene
-    if request.mode != DEFAULT_MODE:
+    if request.mode == PHOTOS:
         said = f"masks have no effect with --mode {request.mode}, whose files carry the photos themselves"
         told.say("notice", said, scene.path)
         return scene.with_masks(None)

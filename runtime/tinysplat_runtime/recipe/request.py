@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from ..codec.modes import CHOICES, DEFAULT_MODE
+from ..codec.modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
@@ -173,6 +173,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
     masks: str | bool | None
     joint: bool
     mode: str
+    at_most: int
     poses: StrPath | None
     first_number: int
     focal: float | None
@@ -181,7 +182,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncodeRequest(Noted, Coding):
+class EncodeRequest(Noted, Coding, Sparse):
     """Photos to be made into a file, and how.
 
     Attributes:
@@ -248,29 +249,16 @@ class EncodeRequest(Noted, Coding):
     def __post_init__(self) -> None:
         super().__post_init__()
         target = [name for name in self.rates if name != "qp"]
-        if target and self.mode != DEFAULT_MODE:
+        if target and (self.mode == PHOTOS or (self.mode == LIST and set(target) & {"lossless", "like"})):
             only = "with a target, lossless or like, which only gaussians can be given"
             raise InputError(f"'{self.mode}' {only}", where="mode")
-        if self.refine and self.mode != DEFAULT_MODE:
+        if self.refine and self.mode == PHOTOS:
             only = f"with --mode {self.mode}, whose files carry no Gaussians that were refined"
             raise InputError(only, where="refine")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ListRequest(EncodeRequest, Sparse):
-    """Photos to be made into one list of Gaussians for any viewer, and how; `refine` says for how long.
-
-    Raises:
-        InputError: as of `EncodeRequest`, and what only `.tsplat` files can be given.
-    """
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in (*Coding.options(), "mode"):
-            if getattr(self, name) != self.__dataclass_fields__[name].default:
-                raise InputError("of .tsplat files, which this is none of", where=name)
-        if self.refine is not None and not self.refine:
-            raise InputError("no steps, of which a list that any viewer draws needs some", where="refine")
+        if self.refine is not None and not self.refine and self.mode == LIST:
+            raise InputError("no steps, of which few Gaussians that show all photos need some", where="refine")
+        if self.mode != LIST and self.at_most != DEFAULT_GAUSSIANS:
+            raise InputError(f"with --mode {self.mode}, whose files have all of them; expected {LIST}", where="at_most")
 
 
 class CompressKeywords(CodingKeywords, NoteKeywords, total=False):

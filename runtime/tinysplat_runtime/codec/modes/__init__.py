@@ -4,12 +4,13 @@
     photos      the photos and the network's hash: a quarter to a half of the planes' bytes at equal Q_g, for receivers
                 that have the network.
     lossless    planes as float16, bit for bit.
-    list        a list of Gaussians: what `compress` makes of a trained or an edited scene.
+    list        a list of Gaussians: what `compress` makes of a trained or an edited scene, and `encode --mode list` of
+                a capture.
 
 docs/MODES.md has figures. Importing this package loads nothing, so that the command line can name modes.
 """
 
-DEFAULT_MODE = "gaussians"
+DEFAULT_MODE, PHOTOS, LIST = "gaussians", "photos", "list"
 
-CHOICES = (DEFAULT_MODE, "photos")
+CHOICES = (DEFAULT_MODE, PHOTOS, LIST)
 """What a scene of photos can be encoded as."""
