@@ -28,7 +28,7 @@ from .targets import TARGETS, attack, prepare
 
 COUNTS = {
     "container": 1_000_000, "picture": 400_000, "parameter_sets": 200_000, "decode": 100_000, "info": 50_000,
-    "video": 10_000, "png": 5_000, "jpeg": 5_000, "heic": 5_000, "onnx": 5_000,
+    "video": 10_000, "png": 5_000, "jpeg": 5_000, "heic": 5_000, "onnx": 5_000, "mask": 5_000,
 }  # fmt: skip
 """Attacks of a full campaign, where they are not `MOST`."""
 

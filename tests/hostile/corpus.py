@@ -30,7 +30,7 @@ from scenes import (
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.artifacts import models_dir
 from tinysplat_runtime.render.video import write_video
-from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.pictures import png_bytes, write_png
 
 from .containers import Seed
 
@@ -232,6 +232,25 @@ def photo_seeds() -> tuple[bytes, ...]:
     """A PNG and a JPEG of 24×16."""
     pixels = make_photo(16, 24)
     return _written(".png", lambda path: write_png(path, pixels)), _jpeg(pixels)
+
+
+def mask_seeds() -> tuple[bytes, ...]:
+    """A transparent PNG of 24×16, and a mask."""
+    pixels = np.dstack([make_photo(16, 24), np.tile(np.uint8(255) * (np.arange(24) > 9).astype(np.uint8), (16, 1))])
+    return png_bytes(pixels), png_bytes(pixels[..., 3])
+
+
+def panorama_seeds() -> tuple[bytes, ...]:
+    """Starts of a photo and of videos that say that they are 360°, old and new."""
+    xmp = b'http://ns.adobe.com/xap/1.0/\0<x GPano:ProjectionType="equirectangular"/>'
+    sphere = b"\0\0\0\x20sv3d\0\0\0\x18proj\0\0\0\x10equi\0\0\0\0\0\0\0\0"
+    xml = b"<GSpherical:ProjectionType>equirectangular</GSpherical:ProjectionType>"
+    uuid = bytes.fromhex("ffcc8263f8554a938814587a02521fdd") + xml
+    movies = (sphere, struct.pack(">I4s", 8 + len(uuid), b"uuid") + uuid)
+    return (
+        b"\xff\xd8" + struct.pack(">HH", 0xFFE1, 2 + len(xmp)) + xmp,
+        *(b"\0\0\0\x0cftypisom" + struct.pack(">I4s", 8 + len(inside), b"moov") + inside for inside in movies),
+    )
 
 
 @lru_cache(maxsize=1)

@@ -18,6 +18,7 @@ import numpy as np
 from scenes import make_cameras
 
 import tinysplat_runtime as ts
+from tinysplat.poses.panoramas import says_panorama
 from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.job import EncodeStats, Job
@@ -34,8 +35,9 @@ from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.colours import of_icc, to_srgb
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.images import is_transparent, read_image
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
+from tinysplat_runtime.scene.masks import Mask
 
 from . import corpus
 from .containers import damage_container, damage_whole
@@ -204,6 +206,18 @@ def _video(path: Path) -> None:
             raise BrokenPromiseError("a frame of another size than the video's")
 
 
+def _mask(path: Path) -> None:
+    for is_opacity in (False, True):
+        if set(np.unique(Mask(path, is_background=False, is_opacity=is_opacity).kept(16, 24))) - {0, 255}:
+            raise BrokenPromiseError("a mask neither keeps nor leaves out")
+    is_transparent(path)
+
+
+def _panorama(path: Path) -> None:
+    if not says_panorama(path):
+        raise InputError("not said to be 360°")
+
+
 def _profile(path: Path) -> None:
     colours = of_icc(path.read_bytes())
     if colours is None:
@@ -347,6 +361,8 @@ TARGETS: dict[str, Target] = {
         Target("cameras", _from_file(".json", corpus.camera_seeds, _cameras, damage_json), (InputError,)),
         Target("png", _from_file(".png", lambda: corpus.photo_seeds()[:1], read_image), (InputError,)),
         Target("jpeg", _from_file(".jpg", lambda: corpus.photo_seeds()[1:], read_image), (InputError,)),
+        Target("mask", _from_file(".png", corpus.mask_seeds, _mask), (InputError,)),
+        Target("panorama", _from_file(".mp4", corpus.panorama_seeds, _panorama), (InputError,)),
         Target("heic", _from_file(".heic", corpus.heic_seeds, read_image), (InputError,)),
         Target("profile", _from_file(".icc", corpus.profile_seeds, _profile), (InputError,)),
         Target("video", _from_file(".mp4", corpus.video_seeds, _video), (InputError,)),

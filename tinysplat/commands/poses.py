@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -10,9 +11,11 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
+from tinysplat.poses.panoramas import FACES, Wedge, check_shape, face, kept, says_panorama, side_of
 from tinysplat.poses.placing import (
     MASKS,
     NonePlacedError,
@@ -30,13 +33,14 @@ from tinysplat_runtime.scene import heic
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import PHOTO_SUFFIXES, image_size
+from tinysplat_runtime.scene.images import PHOTO_SUFFIXES, image_size, read_image
 from tinysplat_runtime.scene.intake.depths import observed_range
 from tinysplat_runtime.scene.intake.masks import are_masks, masks_of
 from tinysplat_runtime.scene.intake.photos import photos_in
 from tinysplat_runtime.scene.masks import Mask
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.spacing import Spacing
+from tinysplat_runtime.system.evenly import evenly
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import progress
 
@@ -53,6 +57,9 @@ ROUNDS = 3
 
 LEAST_PARALLAX, UNCERTAIN = 2.5, 0.5
 """Degrees between the directions in which most points are seen, and share of uncertain places, of what is no scene."""
+
+MOST_PANORAMAS, HALF = 32, 128
+"""Frames of a 360° video where nobody says how many, six photos each; level of a mask from which on pixels count."""
 
 ASIDE = "walk sideways or around what you film, by a tenth of its distance and more, with the camera towards it"
 
@@ -71,6 +78,20 @@ def configure(parser: ArgumentParser) -> None:
         help=f"folder of photos (.jpg, .png, .heic) of one static place, or a video: {KINDS}",
     )
     parser.add_argument("-o", "--output", required=True, metavar="SCENE", help="folder to write, new or empty")
+    parser.add_argument(
+        "--360",
+        dest="panorama",
+        action="store_true",
+        help="pictures twice as wide as high are 360° (equirectangular); of files that say so that is known",
+    )
+    parser.add_argument(
+        "--without",
+        type=_part,
+        action="append",
+        default=[],
+        metavar="A-B|down|up",
+        help="of 360° pictures, left out: longitudes from A to B, degrees to the right of the middle, or a cube's face",
+    )
     parser.add_argument("--frames", type=_count, metavar="N", help="of a video; default: by its movement, 16 to 64")
     add_threads(parser)
 
@@ -81,6 +102,19 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _part(text: str) -> Wedge | str:
+    if text in FACES:
+        return text
+    first, dash, last = text.rpartition("-")
+    try:
+        wedge = Wedge(float(first), float(last))
+    except ValueError:
+        wedge = Wedge(math.nan, math.nan)
+    if not (dash and -360 <= wedge.first < wedge.last <= 360 and wedge.last - wedge.first < 360):
+        raise ArgumentTypeError(f"'{text}', expected degrees such as 150-210, or one of {', '.join(FACES)}")
+    return wedge
+
+
 def run(args: Namespace) -> None:
     """Place the photos, write the scene, say which are missing."""
     source, output = Path(args.photos), Path(args.output)
@@ -88,12 +122,15 @@ def run(args: Namespace) -> None:
     if args.frames is not None and not is_video:
         raise InputError(f"given with {source}, expected a video ({KINDS})", where="--frames")
     found = [] if is_video else _photo_names(source)
+    is_panorama = _is_panorama([source] if is_video else [source / name for name in found], args)
     _check_output(output)
     with tempfile.TemporaryDirectory() as work:
         photos, masks = Path(work) / "photos", dict[str, Mask]()
         photos.mkdir()
         try:
-            if is_video:
+            if is_panorama:
+                names, masks, placement = _of_panoramas(source, found, photos, args)
+            elif is_video:
                 names, placement = _of_video(source, photos, args)
             else:
                 names = _copied(source, found, photos, quiet=args.quiet)
@@ -192,6 +229,92 @@ def _of_video(source: Path, photos: Path, args: Namespace) -> tuple[dict[str, st
         times = (video.stamps - video.stamps[0]) * video.unit
         raise InputError(_unplaced([(float(times[i]), name in right) for i, name in names.items()]))
     return {name: name for name in names.values()}, placement
+
+
+def _is_panorama(paths: Sequence[Path], args: Namespace) -> bool:
+    """Whether pictures are 360°, as they say or as is asked for.
+
+    Raises:
+        InputError: some are and others are not, or parts are to be left out of what is not.
+    """
+    said = [path for path in paths if says_panorama(path)]
+    if said and len(said) < len(paths) and not args.panorama:
+        fault = f"{len(said)} of {len(paths)} photos say that they are 360°"
+        raise InputError(
+            f"{fault}; expected all or none: put them into folders of their own", where=str(said[0].parent)
+        )
+    if args.panorama or said:
+        return True
+    if args.without:
+        raise InputError("given with pictures that do not say that they are 360°; --360 does", where="--without")
+    return False
+
+
+def _of_panoramas(
+    source: Path, found: Sequence[str], photos: Path, args: Namespace
+) -> tuple[dict[str, str], dict[str, Mask], Placement]:
+    """Faces of 360° pictures that were written as photos, by name, their masks, and where they were taken.
+
+    Raises:
+        InputError: pictures of another shape, or under two thirds could be placed.
+    """
+    wedges = [part for part in args.without if isinstance(part, Wedge)]
+    faces = {name: turn for name, turn in FACES.items() if name not in args.without}
+    if not any(abs(turn[2][1]) < 0.5 for turn in faces.values()):
+        raise InputError("every level face is left out, expected one or more", where="--without")
+    names: dict[str, str] = {}
+    masks: dict[str, Mask] = {}
+    for face_name in faces:
+        for folder in (photos, photos.with_name(MASKS)):
+            (folder / face_name).mkdir(parents=True)
+    size: tuple[int, int] | None = None
+    for own, picture, known in _panoramas(source, found, args):
+        height, width = picture.shape[:2]
+        check_shape(height, width, own)
+        size = size or (height, width)
+        if (height, width) != size:
+            raise InputError(f"{width}x{height} pixels, expected {size[1]}x{size[0]} as the first has", where=own)
+        for face_name in faces:
+            side, name = side_of(height), f"{face_name}/{Path(own).stem}.jpg"
+            counts = kept(face_name, side, wedges)
+            if known is not None:
+                counts &= face(np.repeat(known[..., None], 3, axis=2), face_name, side)[..., 0] >= HALF
+            if not counts.any():
+                continue
+            names[name] = own
+            (photos / name).write_bytes(encoded(face(picture, face_name, side), name))
+            mask = photos.with_name(MASKS) / f"{name}.png"
+            write_png(mask, counts.astype(np.float32))
+            if not counts.all():
+                masks[name] = Mask(mask, is_background=False)
+    first = next(iter(faces.values()))
+    rig = {name: turn @ first.T for name, turn in faces.items()}
+    placement = place(photos, list(names), photos.parent, args.threads or -1, rig=rig, quiet=args.quiet)
+    if len(placement.right) < ENOUGH * len(names):
+        raise InputError(f"only {len(placement.right)} of {len(names)} faces of 360° pictures could be placed; {ASIDE}")
+    return {name: f"{own} ({name.partition('/')[0]})" for name, own in names.items()}, masks, placement
+
+
+def _panoramas(source: Path, found: Sequence[str], args: Namespace) -> Iterator[tuple[str, NDArray, NDArray | None]]:
+    """Names of 360° pictures, the pictures, and (H, W) uint8, 255 where they count, None where all of one does."""
+    if not found:
+        video = open_video(source)
+        check_shape(video.height, video.width, str(source))
+        chosen = look_through(video, quiet=args.quiet).chosen(args.frames)
+        if args.frames is None and len(chosen) > MOST_PANORAMAS:
+            chosen = [chosen[i] for i in evenly(len(chosen), MOST_PANORAMAS)]
+        for index, picture in progress(video.frames(chosen), len(chosen), "taking frames", quiet=args.quiet):
+            yield f"frame_{index:06}.jpg", picture, None
+        return
+    for name in found:
+        height, width = image_size(source / name)
+        check_shape(height, width, str(source / name))
+    twins = copies(source, found)
+    own = [name for name in found if name not in twins]
+    masks = masks_of([source / name for name in own], source.parent)
+    for name, mask in progress(list(zip(own, masks, strict=True)), len(own), "cutting faces", quiet=args.quiet):
+        picture = read_image(source / name)
+        yield name, picture, None if mask is None else mask.kept(*picture.shape[:2])
 
 
 def _unplaced(frames: Sequence[tuple[float, bool]]) -> str:

@@ -66,8 +66,9 @@ def write_folder(
     (output / "images").mkdir(parents=True)
     try:
         order = sorted(entries, key=lambda entry: str(entry["name"]))
+        are_masked = any(not mask.is_opacity for mask in masks.values())  # then each has a mask, if a white one
         frames = [
-            _written(output, photos, entry, masks.get(str(entry["name"])))
+            _written(output, photos, entry, masks.get(str(entry["name"])), is_masked=are_masked)
             for entry in progress(order, len(order), "taking distortion out", quiet=quiet)
         ]
         near, far = depths
@@ -87,7 +88,9 @@ def write_folder(
     return {str(entry["name"]): camera for entry, (_, camera, _) in zip(order, frames, strict=True)}
 
 
-def _written(output: Path, photos: Path, entry: JsonObject, mask: Mask | None) -> tuple[str, Camera, Lens]:
+def _written(
+    output: Path, photos: Path, entry: JsonObject, mask: Mask | None, *, is_masked: bool
+) -> tuple[str, Camera, Lens]:
     """A photo without distortion, of its own kind; its place in the folder, its camera and its lens.
 
     It is of its own size, or of a half or a quarter of that, where it has more than `MOST_PIXELS`.
@@ -102,12 +105,14 @@ def _written(output: Path, photos: Path, entry: JsonObject, mask: Mask | None) -
     photo = read_image(photos / name, shrink=shrink)
     taken = lens.scaled(photo.shape[1], photo.shape[0])
     view = taken.camera(np.linalg.inv(np.vstack([entry["w2c"], [0, 0, 0, 1]])))
-    file = f"images/{name}"
+    file = f"images/{name.replace('/', '_')}"
     picture = resize_cover(taken.undistort(photo), *kept)
-    if mask is not None:
-        levels = taken.undistort(np.repeat(mask.kept(*photo.shape[:2])[..., None], 3, axis=2))
+    if mask is not None or is_masked:
+        levels = np.full(photo.shape, 255, np.uint8)
+        if mask is not None:
+            levels = taken.undistort(np.repeat(mask.kept(*photo.shape[:2])[..., None], 3, axis=2))
         counts = resize_cover(levels, *kept)[..., :1] >= 0.5
-        if mask.is_opacity:
+        if mask is not None and mask.is_opacity:
             picture = np.concatenate([picture, counts], axis=2)
         else:
             path = output / mask_file(file)

@@ -17,7 +17,7 @@ import itertools
 import math
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,6 +45,8 @@ SMALL_SIDE = 800
 T = TypeVar("T")
 
 _PHOTOS_AT_ONCE, _PAIRS_AT_ONCE = 8, 64  # that COLMAP is given, which does not say how far it is
+_FEW_PLACES = 12  # of a rig's, each compared with each
+_NONE_PLACED = "no photos could be placed: they need texture, overlap, and to be taken from different places"
 _SEED = 0  # of RANSAC: the same photos give the same poses
 _OVERLAP, _FARTHEST = 6, 64  # photos before each that it is compared with: so many, and 2, 4, 8 … up to so far
 _FEWER_MATCHES = 20  # with points that suffice for a place on second thoughts, of COLMAP's 30
@@ -137,7 +139,15 @@ def encoded(image: NDArray, name: str) -> bytes:
     return png_bytes(image) if Path(name).suffix.lower() == ".png" else jpeg_bytes(image, quantiser=2)
 
 
-def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet: bool) -> Placement:
+def place(
+    photos: Path,
+    names: Sequence[str],
+    work: Path,
+    threads: int,
+    *,
+    rig: Mapping[str, NDArray] | None = None,
+    quiet: bool,
+) -> Placement:
     """Find where photos were taken.
 
     Args:
@@ -146,6 +156,8 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
         work: an empty folder for what is found on the way, or that of a call with some of these photos, whose features
             and matches are used again. Where it has a folder `MASKS`, that has a picture for every photo, named as the
             photo is, with another `.png`, and black where no features count.
+        rig: of photos `CAMERA/NAME`, those of one NAME were taken at one place: (3, 3) turns by CAMERA, from the axes
+            of the first, which is level, to its own; all are square and see 90°.
         threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
         quiet: whether to show no progress.
 
@@ -154,7 +166,13 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
     """
     pycolmap = load_pycolmap()
     database = work / "database.db"
-    _find_features(photos, names, database, threads, quiet=quiet)
+    _find_features(photos, names, database, threads, rig=rig, quiet=quiet)
+    if rig:
+        _match(names, _pairs_of_rig(names, rig), database, threads, quiet=quiet)
+        found = _placed(photos, database, rig=rig, quiet=quiet)
+        if found is None:
+            raise NonePlacedError(_NONE_PLACED)
+        return found
     every = [(i, j) for j in range(len(names)) for i in range(j)] if len(names) <= ALL_PAIRS else []
     pairs = every if len(names) <= FEW else pairs_of_many(photos, names, quiet=quiet)
     _match(names, pairs, database, threads, quiet=quiet)
@@ -168,12 +186,27 @@ def place(photos: Path, names: Sequence[str], work: Path, threads: int, *, quiet
         again = _placed(photos, database, is_careful=True, quiet=quiet)
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
-        said = "they need texture, overlap, and to be taken from different places"
-        raise NonePlacedError(f"no photos could be placed: {said}")
+        raise NonePlacedError(_NONE_PLACED)
     return found
 
 
-def _find_features(photos: Path, names: Sequence[str], database: Path, threads: int, *, quiet: bool) -> None:
+def _pairs_of_rig(names: Sequence[str], rig: Mapping[str, NDArray]) -> list[tuple[int, int]]:
+    """Pairs of photos, lower index first, of places near in order: by the same camera, or level ones side by side."""
+    number = {name: i for i, name in enumerate(names)}
+    taken = [*dict.fromkeys(name.partition("/")[2] for name in names)]
+    steps = {*range(1, len(taken) if len(taken) <= _FEW_PLACES else _OVERLAP + 1), *(1 << n for n in range(1, 7))}
+    level = [name for name in rig if abs(rig[name][2][1]) < 0.5]
+    beside = [(one, other) for one in level for other in level if abs(rig[one][2] @ rig[other][2]) < 0.5]
+    beside += [(name, name) for name in rig]
+    apart = [(i, i + step) for i in range(len(taken)) for step in sorted(steps) if i + step < len(taken)]
+    named = ((f"{one}/{taken[i]}", f"{other}/{taken[j]}") for i, j in apart for one, other in beside)
+    pairs = {(number[one], number[other]) for one, other in named if one in number and other in number}
+    return sorted((min(pair), max(pair)) for pair in pairs)
+
+
+def _find_features(
+    photos: Path, names: Sequence[str], database: Path, threads: int, *, rig: Mapping[str, NDArray] | None, quiet: bool
+) -> None:
     """Features of those photos that a database lacks."""
     pycolmap = load_pycolmap()
     sizes = {image_size(photos / name) for name in names}
@@ -193,10 +226,33 @@ def _find_features(photos: Path, names: Sequence[str], database: Path, threads: 
         new = [name for name in names if not opened.exists_image(name)]
     if not new:
         return
+    if rig:
+        ((side, _),) = sizes
+        mode, reading.camera_model, reading.camera_params = (
+            pycolmap.CameraMode.PER_FOLDER,
+            "PINHOLE",
+            f"{side / 2}," * 3 + f"{side / 2}",
+        )
+        extraction.sift.max_num_features = _FEATURES
     # All photos first: they get numbers in their order, not in that in which threads are done with them.
     pycolmap.import_images(database, photos, mode, image_names=new, options=reading)
     for part in _by_parts(new, _PHOTOS_AT_ONCE, "features of photos", quiet=quiet):
         pycolmap.extract_features(database, photos, part, mode, reading, extraction)
+    if rig:
+        with pycolmap.Database.open(database) as opened:
+            pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=_sensors(rig))], opened)
+
+
+def _sensors(rig: Mapping[str, NDArray]) -> list[Any]:
+    """Cameras of a rig, the first of which the others are stated against."""
+    pycolmap = load_pycolmap()
+    sensors: list[Any] = []
+    for name, turn in rig.items():
+        sensor = pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=not sensors)
+        if sensors:
+            sensor.cam_from_rig = pycolmap.Rigid3d(pycolmap.Rotation3d(np.asarray(turn, np.float64)), np.zeros(3))
+        sensors.append(sensor)
+    return sensors
 
 
 def _match(
@@ -228,16 +284,20 @@ def _by_parts(items: Sequence[T], size: int, label: str, *, quiet: bool) -> Iter
         yield part
 
 
-def _placed(photos: Path, database: Path, *, is_careful: bool = False, quiet: bool) -> Placement | None:
+def _placed(
+    photos: Path, database: Path, *, is_careful: bool = False, rig: Mapping[str, NDArray] | None = None, quiet: bool
+) -> Placement | None:
     """The largest model that matches give, judged by them."""
     models = sorted(
-        _mapped(photos, database, is_careful=is_careful, quiet=quiet), key=lambda one: -one.num_reg_images()
+        _mapped(photos, database, is_careful=is_careful, is_rig=bool(rig), quiet=quiet),
+        key=lambda one: -one.num_reg_images(),
     )
     if not models:
         return None
     names = [{image.name for image in one.images.values() if image.has_pose} for one in models]
     model = models[0]
-    loose = {name: off for name, off in uncertainty(model).items() if off > UNCERTAIN}
+    known = {} if rig else uncertainty(model)  # COLMAP has no covariances of a rig's places
+    loose = {name: off for name, off in known.items() if off > UNCERTAIN}
     return Placement(
         model,
         tuple(count for of_one in names[1:] if (count := len(of_one - names[0])) > 1),
@@ -277,12 +337,14 @@ def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> 
     return sorted(pairs)
 
 
-def _mapped(photos: Path, database: Path, *, is_careful: bool, quiet: bool) -> list[Any]:
+def _mapped(photos: Path, database: Path, *, is_careful: bool, is_rig: bool, quiet: bool) -> list[Any]:
     """The models that matches give."""
     pycolmap = load_pycolmap()
     folder = tempfile.mkdtemp(dir=database.parent)
     # One thread: with more, sums are added up in another order in every run, and photos are placed or not by that.
     options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=_SEED, min_model_size=2)
+    if is_rig:  # whose cameras are known
+        options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_sensor_from_rig = False
     if is_careful:
         options.mapper.abs_pose_min_num_inliers = _FEWER_MATCHES
     done = 0

@@ -48,6 +48,7 @@ _FARTHER = 4.0  # ... by this factor
 
 _MARGINS = (1.3, 1.6)  # near is divided by the first and far multiplied by the second: too wide costs less
 _PERCENTILES = (2, 95)
+_ANOTHER_WAY = 0.3  # cosine between the directions of photos that hardly show the same
 _TWICE = 0.001  # of the extent of all cameras: nearer ones stand at one place
 _SAME = 1.5  # planes between two photos' depths of one place
 _CLEAR = 0.45  # the best depth's cost over the mean cost of all depths, below which a pixel tells its depth
@@ -99,8 +100,16 @@ def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray, views: Seq
 
 
 def neighbours(cameras: Sequence[Camera]) -> NDArray:
-    """(V, V - 1) int indices of the cameras beside each of two or more, the nearest first."""
-    return _apart(cameras).argsort(axis=1, kind="stable")[:, :-1]
+    """(V, V - 1) int indices of the cameras beside each of two or more, the nearest first.
+
+    Those that look another way or stand at one place with it, as the cameras of a rig do, come last.
+    """
+    apart, axes = _apart(cameras), np.stack([camera.rotation[2] for camera in cameras])
+    extent = float(apart[np.isfinite(apart)].max(initial=0))
+    rank = ((axes @ axes.T < _ANOTHER_WAY) | (apart <= _TWICE * extent)).astype(int)
+    np.fill_diagonal(rank, 2)  # itself
+    order: NDArray = np.lexsort((apart, rank), axis=1)[:, :-1]
+    return order
 
 
 def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
