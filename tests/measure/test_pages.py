@@ -57,7 +57,7 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
     text = (tmp_path / "README.md").read_text()
     assert text.startswith(f"Before {mark}\n") and text.endswith("\n<!-- end --> behind")
     assert shows(text, 40) and shows(text, 1) and not shows(text, 9) and "old" not in text
-    for words in ("nonsense", "free"):  # no table of that name, no rows of that study
+    for words in ("nonsense", "list"):  # no table of that name, no rows of that study
         with refusing(InputError, f"'{words}'"):
             filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
 
@@ -85,10 +85,10 @@ def test_figures_of_other_code_are_told_by_the_commits_of_their_runs(tmp_path):
 def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):
     (tmp_path / "docs").mkdir()
     page = tmp_path / "README.md"
-    page.write_text("Before\n<!-- plotted free -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
+    page.write_text("Before\n<!-- plotted list -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
     assert fill_pages(tmp_path) == [] and not (tmp_path / "docs" / "o.png").exists()
     reports = tmp_path / "benchmarks" / "reports"
-    for day, study in (("2026-01-01", "free"), ("2026-01-02", "free"), ("2026-01-03", "waits")):
+    for day, study in (("2026-01-01", "list"), ("2026-01-02", "list"), ("2026-01-03", "waits")):
         RowFile(reports / day / ROWS).add(replace(row("balanced", psnr_decoded_raw=40.0, bytes=1e3), study=study))
     assert fill_pages(tmp_path) == [page] and fill_pages(tmp_path) == []
     found = page.read_text()

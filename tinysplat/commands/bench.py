@@ -30,7 +30,7 @@ NEEDS = ("matplotlib", "scipy")
 
 DEFAULT_FOLDER = "bench_report"
 
-TAKE_PATHS = frozenset({"free"})
+TAKE_PATHS = frozenset({"list"})
 """Studies that read their INPUT themselves: it need not be scenes with cameras."""
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,14 +17,14 @@ def pixel_centres(height: int, width: int) -> NDArray:
     return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
 
 
-def project_view(gaussians: Gaussians, view: int, origin: NDArray | None = None) -> NDArray:
+def project_view(gaussians: Gaussians, view: int) -> NDArray:
     """(11, H, W) float64: depth, offset x y, ŝ, quaternion in the camera frame, opacity.
 
     arXiv 2506.09479, view projection: z·(x, y, 1)ᵀ = K(Rμ + T), q̂ = Quat(R)·q, ŝ = f·s/z.
     """
     camera = gaussians.cameras[view]
     R, c = camera.rotation, camera.centre
-    means = gaussians.means[view].astype(np.float64) + (gaussians.origin if origin is None else origin)
+    means = gaussians.means[view].astype(np.float64) + gaussians.origin
     p = (means - c) @ R.T
     z = p[..., 2]
     uv = (p @ camera.K.T)[..., :2] / z[..., None] - pixel_centres(*z.shape)

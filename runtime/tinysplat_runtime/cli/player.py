@@ -43,7 +43,7 @@ def write_player(folder: str, package: str) -> str:
         models[artifact.sha256] = {"file": file, "stride": limits.stride, "minSide": limits.min_side}
         files[file] = read_limited(artifact.path, MAX_FILE_BYTES)
     networks = {"runtime": RUNTIME, "wasm": WASM, "most": LARGE_PIXELS, "models": models}
-    files[PAGE] = player_page(networks=networks).encode()
+    files[PAGE] = player_page(networks).encode()
     target.mkdir(exist_ok=True)
     for name, data in files.items():
         write_atomically(target / name, data)

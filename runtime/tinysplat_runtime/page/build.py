@@ -117,16 +117,15 @@ def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
     return {"index.html": page.encode()} | files | pictures
 
 
-def player_page(title: str = "TinySplat player", *, networks: Mapping[str, object] | None = None) -> str:
+def player_page(networks: Mapping[str, object] | None = None) -> str:
     """A page without a scene, which opens files that are dropped on it, chosen, or named by `?file=URL`.
 
     Args:
-        title: heading, plain text.
         networks: what lies beside the page to run networks with, for files of photos (network.js has the fields); None
             where nothing does.
     """
     scene = {"cameras": [], "photos": {}, "isPlayer": True, "networks": networks}
-    return _page(title, scene, "", sources="* data: blob:", has_networks=networks is not None)
+    return _page("TinySplat player", scene, "", sources="* data: blob:", has_networks=networks is not None)
 
 
 def scripts() -> tuple[str, str]:

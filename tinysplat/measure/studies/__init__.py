@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 STUDIES = {
     "formats": "interchange.INTERCHANGE",
-    "free": "freed.FREE",
+    "list": "lists.LIST",
     "growth": "growth.GROWTH",
     "waits": "waiting.WAITING",
     "curves": "rate.CURVES",

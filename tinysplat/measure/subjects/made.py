@@ -25,7 +25,7 @@ from tinysplat_runtime.scene.cameras import Camera
 from .room import Room
 
 
-def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], degree: int, seed: int = 0) -> Gaussians:
+def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], degree: int) -> Gaussians:
     """Per-pixel Gaussians with the look of a feedforward network's output.
 
     Every attribute is a smooth field plus a function of the picture plus a little fine noise; SH bands fall by 4 from
@@ -36,10 +36,9 @@ def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], de
         depths: (V, H, W) float z, > 0.
         cameras: one per view.
         degree: SH degree, 0 to 4.
-        seed: of the noise.
     """
     views = [
-        _dress(image, depth, camera, degree, np.random.default_rng([seed, view]))
+        _dress(image, depth, camera, degree, np.random.default_rng([0, view]))
         for view, (image, depth, camera) in enumerate(zip(images, depths, cameras, strict=True))
     ]
     arrays = {name: np.stack([view[name] for view in views]) for name in views[0]}

@@ -38,6 +38,8 @@ from ..study import Run, Study
 from ..subjects.cases import Case
 from ..subjects.made import made_gaussians
 
+STUDY = "list"
+
 VIEWS, QUICK_VIEWS = 6, 2
 QPS, QUICK_QPS = (0.0, -12.0, -6.0, 6.0), (-6.0, 0.0, 6.0)
 UNSEEN = slice(4, None, 8)
@@ -54,7 +56,7 @@ MOST_DB = 90
 """Above it a file holds what it was read from, as its own format does; its dB would flatten the others on a plot."""
 
 
-def free_rows(run: Run) -> Iterator[Row]:
+def list_rows(run: Run) -> Iterator[Row]:
     """A row per file and setting: bytes, how many are left, dB; of other formats also what ours takes at their dB."""
     for case in _cases(run):
         pictures = PictureJudge(case, run.threads, **DEFINITION)
@@ -85,7 +87,7 @@ def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
 
 def _point(way: str, setting: float, pictures: PictureJudge, data: bytes, decoded: Gaussians) -> Row:
     figures = {"bytes": len(data), "kept": decoded.count}
-    return Row("free", pictures.case.name, way, {"qp": setting}, figures | pictures.figures(decoded))
+    return Row(STUDY, pictures.case.name, way, {"qp": setting}, figures | pictures.figures(decoded))
 
 
 def _cases(run: Run) -> Iterator[Case]:
@@ -136,7 +138,7 @@ def _in_short(way: str, qp: float | None = None) -> Cell:
 
 
 _POINTS = Listing(
-    "free",
+    STUDY,
     {
         "format": said("way"),
         "Q_g": said("qp", "{:g}".format),
@@ -149,7 +151,7 @@ _POINTS = Listing(
 )
 
 _SCENES = Listing(
-    "free",
+    STUDY,
     {
         "Gaussians": said("subject"),
         f"{OURS}, Q_g 0": _in_short(OURS, 0.0),
@@ -160,13 +162,13 @@ _SCENES = Listing(
     by=("subject",),
 )
 
-FREE = Study(
+LIST = Study(
     "Lists of Gaussians",
-    free_rows,
-    {"free": _POINTS, "free in short": _SCENES},
+    list_rows,
+    {STUDY: _POINTS, f"{STUDY} in short": _SCENES},
     {
-        "free": Chart(
-            "free",
+        STUDY: Chart(
+            STUDY,
             "Lists: bytes against dB to their source, by format",
             Axis("bytes", "KB", unit=1e-3),
             Axis("psnr_decoded_raw", "dB, decoded to raw", most=MOST_DB),
