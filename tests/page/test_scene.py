@@ -12,7 +12,9 @@ from page.scripts import run as run_with
 from scipy.spatial.transform import Rotation
 
 START = """
+import { makeCloud } from "./cloud.js";
 import { sceneOf, viewOf } from "./scene.js";
+import { mostDrawn } from "./splats.js";
 const plain = (_, value) => (ArrayBuffer.isView(value) ? [...value] : value);
 function decodedOf({ means, scales, quats, opacities, sh, ...rest }) {
   const floats = { means, scales, quats, opacities, sh };
@@ -115,6 +117,20 @@ def test_a_coarse_surface_is_one_pixel_of_sixteen_that_can_show() -> None:
     kept = np.flatnonzero(np.array(made["opacities"][: pixels.size]) >= 1 / 255)
     np.testing.assert_array_equal(kept[surface["coarse"]], np.intersect1d(pixels[2::4, 2::4], kept))
     assert further["coarse"] == []
+
+
+def test_a_list_made_from_photos_has_their_places_and_is_drawn_whole_from_all_of_them() -> None:
+    made, views = decoded(90, 9, degree=0), decoded(9, 9, degree=0)["cameras"]
+    made["layers"][0]["views"], made["cameras"], made["viewpoints"] = 0, [], views
+    made["opacities"] = [1.0] * 90
+    made["means"] = [float(x) for x in np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (90, 3)).ravel()]
+    names = "views, hasCameras, whole, viewCount"
+    found = run(
+        "const { views, hasCameras } = sceneOf(decodedOf(made)), cloud = makeCloud(sceneOf(decodedOf(made)));"
+        f"const {{ whole }} = mostDrawn(cloud), {{ viewCount }} = cloud; return {{ {names} }};",
+        made=made,
+    )
+    assert len(found["views"]) == 9 and found["hasCameras"] and found["whole"] == 90 and found["viewCount"] == 0
 
 
 @pytest.mark.parametrize("count", [1, 101])

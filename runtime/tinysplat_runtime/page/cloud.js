@@ -51,7 +51,7 @@ export function makeCloud(scene) {
   }
   const solid = parts.filter(({ isFront }) => isFront);
   return {
-    count, means, opacities, parts, functions: scene.functions, viewCount: views.length, logSteps: [LOG_STEPS, LOG_LOWEST],
+    count, means, opacities, parts, functions: scene.functions, viewCount: parts.some(({ view }) => view >= 0) ? views.length : 0, logSteps: [LOG_STEPS, LOG_LOWEST],
     geometry: words, colours: colourWords(scene), ...depthsOf(scene, solid), ground: groundOf(scene, solid),
   };
 }

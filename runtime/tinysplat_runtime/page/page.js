@@ -72,7 +72,8 @@ class Panel {
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
     find("linkRow").hidden = !/^(http|file)/.test(location.protocol);
-    find("linesRow").hidden = find("freeRow").hidden = find("nearRow").hidden = find("ownRow").hidden = !hasCameras;
+    find("linesRow").hidden = find("freeRow").hidden = !hasCameras;
+    find("nearRow").hidden = find("ownRow").hidden = !cloud.viewCount;
     find("fliesRow").hidden = hasCameras;
     find("place").max = views.length;
     find("degree").max = find("degree").value = Math.sqrt(cloud.functions) - 1;
@@ -331,7 +332,7 @@ class Page {
     const show = (decoded, isAll = !decoded.missing.length) => {
       if (signal.aborted || (!isAll && !decoded.cameras.length && isGrey(decoded))) return;
       const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene), isFirst = !frame && !isSame;
-      this.viewer.show(scene, cloud, !isFirst, scene.hasCameras && about.cameras.length ? this.#first(about.cameras) : 0);
+      this.viewer.show(scene, cloud, !isFirst, scene.hasCameras ? this.#first(about.cameras.length ? about.cameras : decoded.viewpoints ?? []) : 0);
       frame = scene.frame;
       isSame = true;
       this.panel.show(scene, cloud, about, false);

@@ -1,6 +1,6 @@
 // What tsplat.js decodes, in the page's units: its origin is the mean camera centre and its unit makes the median depth
 // REACH, so that float32 does not depend on where a scene lies and how large it is.
-import { frontView, sideOf } from "./front.js";
+import { sideOf } from "./front.js";
 import { EVERY } from "./near.js";
 import { add, cross, dot, length, scaled, unit } from "./vectors.js";
 
@@ -15,12 +15,6 @@ export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
   return { width, height, K: [fx, skew, fy, cx, cy], rotation: [x, cross(forward, x), forward], position: [c2w[3], c2w[7], c2w[11]] };
 }
 
-// Where a list is first looked at from: where its photos were taken, or else the side that shows most.
-function startOf(decoded) {
-  const known = (decoded.viewpoints ?? []).map(viewOf);
-  return known[frontView(known)] ?? sideOf(decoded);
-}
-
 // Runs of Gaussians: of a view's pixels, or of none.
 function partsOf(layers, numbers) {
   return layers.flatMap(({ views, count, offset }, layer) => {
@@ -33,12 +27,13 @@ function partsOf(layers, numbers) {
 // decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
 // numbers: which of `cameras` were decoded, if not all.
 export function sceneOf(decoded, cameras = [], frame = null, numbers = undefined) {
-  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, world = given.length ? given.map(viewOf) : [startOf(decoded)];
+  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, taken = given.length ? given : decoded.viewpoints ?? [];
+  const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)]; // of a list, where its photos were taken, or the side that shows most
   const { scale, centre } = frame ?? frameOf(decoded, world, world[numbers?.[0] ?? 0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   const down = views.reduce((sum, { rotation }) => add(sum, rotation[1]), [0, 0, 0]);
   return {
-    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given, numbers), frame: { scale, centre }, views, hasCameras: given.length > 0, reach: REACH,
+    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given, numbers), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
     nearPlane: NEAR_PLANE * scale, up: length(down) > 1e-6 ? unit(scaled(down, -1)) : scaled(views[0].rotation[1], -1),
   };
 }
