@@ -84,6 +84,8 @@ def _write(coded: Encoded, voice: Voice, report: str | None, runtime: Runtime, *
         if stats.psnr is not None:
             pruned = f"{stats.left_out:,} Gaussians pruned" if stats.left_out else "all Gaussians kept"
             voice.done(f"{stats.psnr:.1f} dB to what was given, in {stats.views}; {pruned}")
+        else:
+            voice.done("all Gaussians kept; how like they look from where people stand, only cameras tell")
         if coded.scene is None:
             smaller = "if these are pixels of known views, --grid V,H,W and --cameras make the file smaller"
             voice.done(f"coded as a list; {smaller}")

@@ -111,7 +111,8 @@ class Coding(Options):
     target_psnr: float | None = option(
         words.decibels, metavar="DB", group=BYTES, help="this many dB of decoded against raw pictures"
     )
-    """The smallest file found that has as many, as the mean over the input views, or of a list over four made up."""
+    """The smallest file found that has as many, as the mean over the input views; of a list over its error in eight
+    views, beside its photos or about it."""
     lossless: bool = option(words.flag, False, group=BYTES, help="float16 planes, bit for bit")
     """`codec.exact` has the guarantee."""
     like: bytes | StrPath | None = option(

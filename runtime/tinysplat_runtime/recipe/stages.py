@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
@@ -40,11 +41,11 @@ if TYPE_CHECKING:
     from ..refine.stats import RefineStats
     from ..render.gradient import Target
 
-LIST_VIEWS, MOST_JUDGED = 4, 16
-"""Views about Gaussians of no pixels that `target_psnr` is measured from, and of Gaussians with pixels at most."""
+MEASURED_VIEWS, MOST_JUDGED = 8, 16
+"""Views that the error of Gaussians of no pixels is measured from, and of those with pixels at most."""
 
-MEASURED_VIEWS = 8
-"""Views about Gaussians of no pixels that a file's error is measured from, once it is made."""
+Fidelity: TypeAlias = Callable[[bytes], float]
+"""dB of a file's pictures against those of the Gaussians that were given."""
 
 
 class Tools(Protocol):
@@ -144,23 +145,26 @@ def code(
         own.mode = (Exact if coding.lossless else Planes).mode
         coder = MODES[own.mode].coder_of(job)
     cameras = gaussians.cameras
-    return _meeting(coder, coding, job, tools.limits, [cameras[index] for index in evenly(len(cameras), MOST_JUDGED)])
+    judged = [cameras[index] for index in evenly(len(cameras), MOST_JUDGED)]
+    return _meeting(coder, coding, job.qp, lambda: _fidelity(job, tools.limits, judged))
 
 
 def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is_measured: bool) -> bytes:
-    """The file of Gaussians of no pixels; `is_measured` fills the stats with its error."""
-    from ..codec.list.views import from_anywhere, views_of
+    """The file of Gaussians of no pixels; `is_measured` fills the stats with its error in the views that were used."""
+    from ..codec.list.views import from_anywhere, some, views_of
     from ..codec.list.visible import visible
 
     job.stats.mode = List.mode
     shown = visible(job.gaussians)
     views = views_of(shown)
-    looking = from_anywhere(views, shown) if is_measured or coding.target_psnr is not None else views
+    looking = views if coding.target_psnr is None else from_anywhere(views, shown)
+    fidelity = lru_cache(lambda: _list_fidelity(job, limits, some(looking.judging, MEASURED_VIEWS)))
     coder = _list_coder(replace(job, gaussians=shown), views, pruning)
-    data = _meeting(coder, coding, job, limits, looking.judging[:LIST_VIEWS])
-    if is_measured:
+    data = _meeting(coder, coding, job.qp, fidelity)
+    if is_measured and looking.judging:
         with job.stats.watch.stage("measure"):
-            _measure(job, data, limits, looking)
+            job.stats.psnr = fidelity()(data)
+        job.stats.views = f"{len(some(looking.judging, MEASURED_VIEWS))} views {looking.text}"
     return data
 
 
@@ -194,13 +198,13 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
     return encoder(replace(job, gaussians=replace(job.gaussians, viewpoints=())))  # looked at as if there were none
 
 
-def _meeting(coder: Coder, coding: Coding, job: Job, limits: Limits, cameras: Sequence[Camera]) -> bytes:
-    """The file that meets what is asked for; dB are those of pictures that cameras take."""
+def _meeting(coder: Coder, coding: Coding, qp: float, fidelity: Callable[[], Fidelity]) -> bytes:
+    """The file that meets what is asked for, else that of a Q_g; dB are those of `fidelity`."""
     if coding.target_size is not None:
         return code_to_size(coder, coding.target_size)
     if coding.target_psnr is not None:
-        return code_to_psnr(coder, coding.target_psnr, _fidelity(job, limits, cameras))
-    return coder.code(job.qp)
+        return code_to_psnr(coder, coding.target_psnr, fidelity())
+    return coder.code(qp)
 
 
 def code_photos(
@@ -220,20 +224,22 @@ def code_photos(
     return MODES[request.mode].encode(job)
 
 
-def _measure(job: Job, data: bytes, limits: Limits, views: Views) -> None:
-    """Fill the stats with dB of a list's file against all Gaussians, from views that chose nothing."""
-    from ..codec.list.views import pictures_of, some
+def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:
+    """From the error over all views that cameras show of a list, as 3DGS defines drawing."""
+    from ..codec.list.views import pictures_of
 
-    cameras = some(views.judging, MEASURED_VIEWS)
-    if not cameras:
-        return
     wanted = pictures_of(job.gaussians.flat(), cameras, job.threads)
-    found = pictures_of(decode_gaussians(data, job.store, threads=job.threads, limits=limits), cameras, job.threads)
-    error = np.mean([np.square(one - other).mean(dtype=np.float64) for one, other in zip(found, wanted, strict=True)])
-    job.stats.psnr, job.stats.views = decibels(float(error)), f"{len(cameras)} views {views.text}"
+
+    def measure(data: bytes) -> float:
+        found = pictures_of(decode_gaussians(data, job.store, threads=job.threads, limits=limits), cameras, job.threads)
+        return decibels(
+            float(np.mean([np.square(a - b).mean(dtype=np.float64) for a, b in zip(found, wanted, strict=True)]))
+        )
+
+    return measure
 
 
-def _fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Callable[[bytes], float]:
+def _fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:
     """PSNR of a file's pictures to those of its Gaussians as `render` draws them by default, the mean over cameras."""
     # In numpy, so that no byte depends on whether numba is installed.
     store, threads = job.store, job.threads

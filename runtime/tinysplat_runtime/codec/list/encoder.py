@@ -191,7 +191,7 @@ class ListEncoder(Coder):
                 Gaussians that its bytes do not pay for them.
         """
         check_qp(qp)
-        steps = self.steps.times(factor * 2 ** (qp / 6))
+        steps = self._steps_at(qp, factor)
         with self._stats.watch.stage("sort"):
             tiers = self._placed(steps)
         with self._stats.watch.stage("x265"):
@@ -217,7 +217,10 @@ class ListEncoder(Coder):
 
         Without x265 and the octree's bytes, which take most of the time.
         """
-        return self._rounded(self.steps.times(factor * 2 ** (qp / 6)))
+        return self._rounded(self._steps_at(qp, factor))
+
+    def _steps_at(self, qp: float, factor: float) -> Steps:
+        return self.steps.times(self.profile.list_steps * factor * 2 ** (qp / 6))
 
     def _rounded(self, steps: Steps) -> Gaussians:
         grid, space = grid_of(self._gaussians.means.astype(np.float64), self._sizes, steps.cell)
