@@ -17,10 +17,10 @@ from scenes import make_smooth_gaussians, write_scene
 from sections import beside, file_of, sections_of
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.codec import modes
 from tinysplat_runtime.codec.job import EncodeStats, Job, PhotoScene
 from tinysplat_runtime.codec.layers import OpenFile
-from tinysplat_runtime.codec.modes import registry
-from tinysplat_runtime.codec.modes.mode import Mode
+from tinysplat_runtime.codec.modes.mode import Mode, find_mode
 from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bodies import BODIES
@@ -79,9 +79,9 @@ def decode_toy(file: OpenFile, body: Toy) -> ts.Gaussians:
 
 @pytest.fixture(scope="module", autouse=True)
 def toy():
-    """The registry line, and the module that it finds."""
+    """The line of `BODIES`, and the module that it finds."""
     BODIES.insert(0, Toy)
-    module = ModuleType(f"{registry.__package__}.toy")
+    module = ModuleType(f"{modes.__name__}.toy")
     module.TOY = Mode("toy", encode_toy, decode_toy)
     sys.modules[module.__name__] = module
     yield
@@ -117,14 +117,12 @@ def jobs(tmp_path_factory) -> dict[str, Job]:
 
 @pytest.fixture(scope="module")
 def files(jobs) -> dict[str, bytes]:
-    return {name: registry.MODES[mode_of(name)].encode(job) for name, job in jobs.items()}
+    return {name: find_mode(mode_of(name)).encode(job) for name, job in jobs.items()}
 
 
 def test_every_mode_is_here(files):
-    assert set(registry.MODES) == set(map(mode_of, files)) == {body.mode for body in BODIES}
-    assert all(registry.MODES[mode].name == mode for mode in map(mode_of, files))
-    with pytest.raises(KeyError):
-        registry.MODES["film"]
+    assert set(map(mode_of, files)) == {body.mode for body in BODIES}
+    assert all(find_mode(mode).name == mode for mode in map(mode_of, files))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -145,7 +143,7 @@ def assert_alike(found: ts.Gaussians, wanted: ts.Gaussians) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_threads_change_neither_bytes_nor_gaussians(files, jobs, name):
     job = replace(jobs[name], threads=3, stats=EncodeStats())
-    assert registry.MODES[mode_of(name)].encode(job) == files[name]
+    assert find_mode(mode_of(name)).encode(job) == files[name]
     assert_alike(ts.Runtime(threads=3).decompress(files[name]), RUNTIME.decompress(files[name]))
 
 
@@ -154,7 +152,7 @@ def test_one_gaussian_comes_back_alone(name):
     one = make_smooth_gaussians(1, 1, 1, degree=0)
     one = one.flat() if name == "list" else one
     job = Job(one, PROFILES["fast"], -12.0, RUNTIME.store, 1, EncodeStats())
-    found = RUNTIME.decompress(registry.MODES[name].encode(job))
+    found = RUNTIME.decompress(find_mode(name).encode(job))
     assert found.count == 1 and len(found.cameras) == len(one.cameras)
     np.testing.assert_allclose(found.means.ravel(), one.means.ravel(), atol=0.05)
 

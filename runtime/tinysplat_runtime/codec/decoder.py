@@ -10,7 +10,7 @@ from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from .layers import OpenFile
-from .modes.registry import MODES
+from .modes.mode import find_mode
 
 
 def decode_file(
@@ -34,7 +34,7 @@ def decode_file(
         ModelError: the network that the file names is not at hand.
     """
     opened = OpenFile(container, store, threads, model, watch or Stopwatch())
-    gaussians = MODES[container.mode].decode(opened, container.body).with_notes(container.notes)
+    gaussians = find_mode(container.mode).decode(opened, container.body).with_notes(container.notes)
     return gaussians if container.chosen is None else select_views(gaussians, container.chosen)
 
 

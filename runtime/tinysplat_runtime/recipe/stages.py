@@ -15,7 +15,7 @@ import numpy as np
 
 from ..codec.decoder import decode_gaussians
 from ..codec.job import EncodeStats, Job, PhotoScene
-from ..codec.modes.registry import MODES
+from ..codec.modes.mode import find_mode
 from ..codec.recode import encode_like
 from ..codec.search import Coder, Once, code_to_psnr, code_to_size
 from ..container.exact import Exact
@@ -143,7 +143,7 @@ def code(
         coder: Coder = Once(job.profile, lambda: encode_like(job, like, tools.limits))
     else:
         own.mode = (Exact if coding.lossless else Planes).mode
-        coder = MODES[own.mode].coder_of(job)
+        coder = find_mode(own.mode).coder_of(job)
     cameras = gaussians.cameras
     judged = [cameras[index] for index in evenly(len(cameras), MOST_JUDGED)]
     return _meeting(coder, coding, job.qp, lambda: _fidelity(job, tools.limits, judged))
@@ -221,7 +221,7 @@ def code_photos(
     """
     job = Job(gaussians, request.planes, request.step_qp, tools.store, tools.threads, stats, photos=photos)
     stats.mode = request.mode
-    return MODES[request.mode].encode(job)
+    return find_mode(request.mode).encode(job)
 
 
 def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from ...container.body import Body
 from ...gaussian.gaussians import Gaussians
@@ -38,3 +39,9 @@ class Mode(Generic[BodyKind]):
         from ..search import Once
 
         return self.coder(job) if self.coder else Once(job.profile, lambda: self.encode(job))
+
+
+def find_mode(name: str) -> Mode[Any]:
+    """The mode of a body, loaded now: who decodes planes needs neither network nor encoder."""
+    mode: Mode[Any] = getattr(importlib.import_module(f".{name}", __package__), name.upper())
+    return mode
