@@ -13,7 +13,7 @@ from scenes import make_smooth_gaussians, write_scene
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 
-SUFFIXES = ("tsplat", "npz", "safetensors", "ply", "spz", "glb", "gltf", "sog", "splat", "ksplat", "usdz")
+SUFFIXES = ("tsplat", "npz", "safetensors", "ply", "spz", "glb", "gltf", "sog", "splat", "usdz")
 
 
 @pytest.fixture(scope="module")

@@ -74,10 +74,10 @@ def test_a_page_is_served_to_this_machine_alone(monkeypatch: pytest.MonkeyPatch,
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        ("--networks none", ("--networks", "--player", "-o")),
-        ("--networks none --player", ("--networks", "--player", "-o")),
-        ("--networks none -o NEW", ("--networks", "--player", "-o")),
-        ("--player", ("--player", "-o")),
+        ("--networks none", ("--networks", "--player", "--html")),
+        ("--networks none --player", ("--networks", "--player", "--html")),
+        ("--networks none --html NEW", ("--networks", "--player", "--html")),
+        ("--player", ("--player", "--html")),
         ("", ("F: ", "--player")),
     ],
 )
@@ -98,7 +98,7 @@ def test_a_page_is_one_file_of_a_scene_and_its_photos_and_a_player_one_of_none(f
     sizes = []
     for words in (("--player",), (folder / "f.tsplat",), (folder / "g.npz", "--photos", folder / "desk")):
         page = tmp_path / f"{len(sizes)}.html"
-        assert str(page) in console.succeed("view", *words, "-o", page)
+        assert str(page) in console.succeed("view", *words, "--html", page)
         text = page.read_text("utf-8")
         assert "<script" in text and "https://" not in text
         sizes.append(len(text))
@@ -118,4 +118,4 @@ def test_photos_must_be_of_the_files_views(folder: Path, tmp_path: Path) -> None
     for frame in document["frames"]:
         frame["c2w"][0][3] += 50
     (tmp_path / "far" / "cameras.json").write_text(json.dumps(document))
-    assert "far" in console.fail("view", folder / "g.npz", "-o", tmp_path / "o.html", "--photos", tmp_path / "far")
+    assert "far" in console.fail("view", folder / "g.npz", "--html", tmp_path / "o.html", "--photos", tmp_path / "far")

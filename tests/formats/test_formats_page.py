@@ -36,6 +36,6 @@ def test_the_longest_ending_tells_the_format() -> None:
     assert find_format("a.compressed.ply", written=True).name == "compressed PLY"
     assert find_format("A.PLY", written=True).name == "PLY (3DGS)"
     assert find_format("folder/meta.json", written=False).name == "SOG"
-    assert ".ksplat" in endings(written=False) and ".ksplat" not in endings(written=True)
-    with refusing(InputError, "'.ksplat' .npz"):
-        find_format("a.ksplat", written=True)
+    assert ".splat" in endings(written=False) and ".splat" not in endings(written=True)
+    with refusing(InputError, "'.splat' .npz"):
+        find_format("a.splat", written=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pillow_heif
-from formats.foreign import foreign_bytes, glb_of_spz
+from formats.foreign import glb_of_spz
 from scenes import (
     colmap_texts,
     list_in_tiers,
@@ -138,17 +138,6 @@ def sog_folder_seeds() -> tuple[dict[str, bytes], ...]:
 def splat_seeds() -> tuple[bytes, ...]:
     """Two records of 32 bytes."""
     return (struct.pack("<6f8B", 1, 2, 3, 0.1, 0.2, 0.3, 255, 128, 0, 51, 128, 192, 128, 128) * 2,)
-
-
-@lru_cache(maxsize=1)
-def ksplat_seeds() -> tuple[bytes, ...]:
-    """Files of gaussforge, whose positions are offsets from buckets, and one of floats."""
-    flat = make_gaussians(1, 3, 4, 2).flat()
-    inside = ts.Gaussians(flat.means, flat.quats, flat.scales, flat.opacities.clip(0.1, 0.9), flat.sh)
-    section = struct.pack("<4I", 1, 1, 256, 0).ljust(1024, b"\0")
-    record = struct.pack("<10f4B", 1, 2, 3, 0.1, 0.2, 0.3, 1, 0, 0, 0, 255, 0, 0, 255)
-    floats = struct.pack("<2B2xI8xIH", 0, 1, 1, 1, 0).ljust(4096, b"\0") + section + record
-    return (foreign_bytes(inside, "ksplat"), floats)
 
 
 @lru_cache(maxsize=1)

@@ -350,7 +350,6 @@ TARGETS: dict[str, Target] = {
         _gaussian_file(".sog", damage_sog),
         Target("sog_folder", _sog_folder, (InputError,), ("meta.json",)),
         _gaussian_file(".splat", damage, corpus.splat_seeds),
-        _gaussian_file(".ksplat", damage, corpus.ksplat_seeds),
         Target("usd", _usd, (InputError,), (".usd", *(suffix for suffix, _ in USD))),  # .usd is text or binary
         Target("transforms", _transforms, (InputError,)),
         Target("colmap", _colmap, (InputError,)),

@@ -40,7 +40,6 @@ FOUND = {
     "photos": (142,),
     "spz": (539,),
     "colmap": (1,),
-    "ksplat": (404,),
     "sog_folder": (138, 272),
     "glb_spz": (873, 11973),
     "usd": (1739, 2638),

@@ -130,7 +130,7 @@ def test_a_player_with_networks_is_a_folder_for_a_server(tmp_path: Path) -> None
     for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm"):
         (package / "dist" / name).write_text(name)
     (package / "package.json").write_text('{"name": "onnxruntime-web"}')
-    done = tinysplat("view", "--player", "-o", tmp_path / "out", "--networks", package)
+    done = tinysplat("view", "--player", "--html", tmp_path / "out", "--networks", package)
     assert done.returncode == 0, done.stderr
     page = Elements((tmp_path / "out" / "index.html").read_text())
     networks = json.loads(page.texts["scene"])["networks"]

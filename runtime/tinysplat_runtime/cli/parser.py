@@ -228,16 +228,15 @@ def _view(commands: Commands) -> None:
     parser.add_argument(
         "--player",
         action="store_true",
-        help="a page without a scene, which opens files that are dropped on it, chosen, or named by ?file=URL",
+        help="--html writes a page without a scene, which opens files dropped on it, chosen, or named by ?file=URL",
     )
-    parser.add_argument("-o", "--output", metavar="OUT", help="where --player writes its page")
     parser.add_argument(
         "--networks",
         nargs="?",
         const="node_modules/onnxruntime-web",
         metavar="PACKAGE",
-        help="with --player: -o is a folder for a web server, with networks for files of photos and onnxruntime-web to"
-        " run them, copied from npm's package; default node_modules/onnxruntime-web",
+        help="with --player: --html names a folder for a web server, with networks for files of photos and"
+        " onnxruntime-web to run them, copied from npm's package; default node_modules/onnxruntime-web",
     )
     parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")

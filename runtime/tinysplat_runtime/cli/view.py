@@ -53,17 +53,17 @@ FOREIGN_HOST = "This page is for this machine: open it at http://127.0.0.1, or w
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
     if args.networks:
-        if not (args.player and args.output):
-            raise InputError("goes with --player -o FOLDER", where="--networks")
-        written = write_player(args.output, args.networks)
+        if not (args.player and args.html):
+            raise InputError("goes with --player --html FOLDER", where="--networks")
+        written = write_player(args.html, args.networks)
     elif args.player and args.file is not None:
         raise InputError("goes without --player, whose page opens files that are dropped on it", where=args.file)
     elif args.player:
-        written = _written(args.output or args.html, player_page())
+        written = _written(args.html, player_page())
     elif args.file is None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")
     else:
-        path = args.html or args.output
+        path = args.html
         if args.as_files and path is None:
             raise InputError("goes with --html FOLDER", where="--files")
         content = Content.of(args.file, args.cameras, args.photos, args.background)
@@ -83,7 +83,7 @@ def view(args: Namespace) -> None:
 
 def _written(path: str | None, page: str) -> str:
     if path is None:
-        raise InputError("missing; -o names the page to write", where="--player")
+        raise InputError("missing; --html names the page to write", where="--player")
     text = page.encode()
     write_atomically(path, text)
     return f"{path}: {len(text) / 1e3:.0f} KB, opens without a network"

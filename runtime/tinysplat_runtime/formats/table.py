@@ -131,7 +131,6 @@ FORMATS = (
         _from("usd.read_usd"), _to("usd.write_usd"), _from("usd.read_usd_notes"),
     ),
     Format("splat", (".splat",), "a list, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
-    Format("ksplat", (".ksplat",), "a list, SH to degree 2", "gaussforge", "", _from("splat.read_ksplat")),
 )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ _SIGN_BYTES = 4096
 _MOST_FOLDERS = 200  # that are searched for photos
 
 POSES = "with a RealEstate10K .txt, a transforms.json or a folder with a COLMAP model"
-GAUSSIAN_FILES = ".ply .npz .spz .splat .ksplat .sog .glb .gltf .safetensors .usd .usda .usdc .usdz"
+GAUSSIAN_FILES = ".ply .npz .spz .splat .sog .glb .gltf .safetensors .usd .usda .usdc .usdz"
 OTHER_FILES = dict.fromkeys(
     GAUSSIAN_FILES.split(), "holds Gaussians; `tinysplat compress {path} -o F.tsplat` codes them"
 ) | {".tsplat": "coded already, `tinysplat view {path}` shows it", ".zip": "an archive; unpack it and name the folder"}
