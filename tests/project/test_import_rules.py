@@ -75,7 +75,7 @@ def test_runtime_imports_nothing_by_name_at_run_time() -> None:
     assert {path for path, used in names.items() if used & {"import_module", "__import__"}} <= {
         "__init__.py",
         "cli/run.py",
-        "codec/modes/registry.py",
+        "codec/modes/mode.py",
         "formats/table.py",
         "graphs/providers.py",
     }
