@@ -12,8 +12,10 @@ from scenes import make_smooth_gaussians, refusing
 
 from tinysplat.measure.subjects.cases import Window
 from tinysplat.measure.subjects.sources import FileSource, find_sources
+from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
+from tinysplat_runtime.scene.pictures import write_png
 
 
 @pytest.fixture
@@ -76,3 +78,17 @@ def test_a_file_without_cameras_has_no_targets(tmp_path: Path) -> None:
     save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 8, 12, 0).flat())
     with refusing(InputError, f"{tmp_path / 'g.npz'} K c2w"):
         FileSource(tmp_path / "g.npz").windows()
+
+
+def test_what_masks_leave_out_has_no_gaussians_and_is_not_judged(scene, tmp_path: Path) -> None:
+    window = scene.windows()[0][0]
+    before = scene.fingerprint(window)
+    mask = np.full((48, 64), 255, np.uint8)
+    mask[:, :20] = 0
+    for i in range(4):
+        write_png(scene.path / f"{i}.mask.png", mask)
+    case = scene.case(window, "sweep", (48, 64), Runtime(threads=1))
+    assert scene.fingerprint(window) != before
+    assert not case.gaussians.opacities[:, :, :20].any() and case.gaussians.opacities[:, :, 20:].any()
+    (photo,) = case.photos
+    assert photo is not None and np.isnan(photo[:, :20]).all() and not np.isnan(photo[:, 20:]).any()

@@ -297,6 +297,9 @@ def _sized(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
 def _masked(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
     """The scene without photos of which masks leave nothing; says how much they leave out, and as what."""
     if not any(frame.mask for frame in scene.frames):
+        if request.masks in (MOVING, BACKGROUND):
+            sought = "expected masks/NAME.png, NAME.mask.png, a frame's mask_path, or transparent photos"
+            raise InputError(f"{request.masks}, but no photo has a mask; {sought}", where="masks")
         return scene
     if request.mode == PHOTOS:
         said = f"masks have no effect with --mode {request.mode}, whose files carry the photos themselves"

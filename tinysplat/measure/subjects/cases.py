@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.graphs.masked import hidden
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
@@ -188,6 +189,8 @@ def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
     graph = runtime.store.network(model)
     with watch.stage("network"):
         gaussians = predict(shots.context.images, shots.context.cameras, shots.near, shots.far, graph)
+        if shots.scene is not None:
+            gaussians = hidden(gaussians, shots.scene)
     targets = shots.targets
     depths = targets.depths or (None,) * len(targets.cameras)
     return Case(name, model, gaussians, targets.cameras, tuple(targets.images), depths, shots, watch.seconds)

@@ -96,8 +96,8 @@ class FolderSource(PhotoSource):
         cameras = read_limited(self.path / CAMERAS_FILE, MAX_INDEX_BYTES).decode("utf-8", "replace")
         photos = []
         for i in sorted({*window.context, *window.targets}):
-            path = scene.frames[i].path
-            photos.append([path.name, _stat(path) if path.is_file() else None])
+            path, mask = scene.frames[i].path, scene.frames[i].mask
+            photos.append([path.name, _stat(path) if path.is_file() else None, *([_stat(mask.path)] if mask else [])])
         return digest(cameras, scene.near, scene.far, photos)
 
     def _depths(self, indices: Sequence[int], cameras: Sequence[Camera]) -> Iterable[NDArray | None]:
