@@ -45,4 +45,5 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refine
         told.say("notice", f"not refined by its photos: {error.message}", scene.path)
         return None
     told.say("notice", "then refined by its photos, worth about half a dB; --no-refine leaves that out", scene.path)
+    told.say("notice", "--mode list makes few Gaussians of it that show all photos, for any viewer", scene.path)
     return Refinement()

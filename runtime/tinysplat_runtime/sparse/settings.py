@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..refine.descent import Pace
 
-PACE = Pace(turn=0.01, sh_rest=0.002)
+PACE = Pace(log_scale=0.03, turn=0.01, sh=0.015, sh_rest=0.002, last=0.25)
 
 
 @dataclass(frozen=True)
