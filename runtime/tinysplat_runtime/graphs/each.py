@@ -63,13 +63,13 @@ def predict_each(
         InputError, NumericError, ModelError: as `predict.predict`.
     """
     places = view_places(cameras, near, far)
-    stars: list[tuple[int, ...]] = [()] * len(cameras)  # of each photo, it and its partners, nearest first
+    neighbours: list[tuple[int, ...]] = [()] * len(cameras)  # of each photo, it and its partners, nearest first
     for group in groups:
         for v in group.kept:
             others = [u for u in group.views if u != v]
             away = np.square(places[others] - places[v]).sum(axis=1)
-            stars[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
-    capture = _Capture(read, cameras, near, far, stages, stars)
+            neighbours[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
+    capture = _Capture(read, cameras, near, far, stages, neighbours)
     order = [v for group in groups for v in group.kept]
     for view in told.progress("depth", order):
         capture.estimated(view)
@@ -89,9 +89,9 @@ class _Capture:
         near: float,
         far: float,
         stages: Mapping[str, Graph],
-        stars: Sequence[tuple[int, ...]],
+        neighbours: Sequence[tuple[int, ...]],
     ) -> None:
-        self.cameras, self.near, self.far, self.stages, self.stars = cameras, near, far, stages, stars
+        self.cameras, self.near, self.far, self.stages, self.neighbours = cameras, near, far, stages, neighbours
         self.photos = np.zeros((0, 0, 0, 3), np.uint16)  # (V, H, W, 3), padded to the network's stride
         self.units: list[NDArray] = []  # K divided by the size of that
         cells, limits = [], NetworkLimits.of(stages["glance"])
@@ -109,44 +109,44 @@ class _Capture:
         views, height, width, _ = self.photos.shape
         self.images = disk.zeros((views, 3, height, width))  # in the exposure that they are matched in
         self.ranges = [as_input([[1 / far, 1 / near - 1 / far]])] * len(cameras)
-        self.exposures = self._looked_at(cells)
+        self.exposures = self._exposures(cells)
         self.made: dict[tuple[str, int], dict[str, NDArray]] = {}
         self.estimates: dict[str, NDArray] = {}  # (V, 1, …) by name
-        needed = np.bincount([u for star in stars for u in star], minlength=len(cameras))
+        needed = np.bincount([u for around in neighbours for u in around], minlength=len(cameras))
         self.needed = {name: needed.tolist() for name in ("half", "match", "dress")}
         self.needed["half"] = [2 * count for count in self.needed["half"]]
 
     def finished(self, view: int) -> Gaussians:
         """A photo's Gaussians."""
-        star = self.stars[view]
-        for u in star:
-            self._dressed(u)
+        around = self.neighbours[view]
+        for u in around:
+            self._dress(u)
         own, camera = self.made["dress", view], self.cameras[view]
         outputs = self._run(
             "finish",
             view,
             shown=self.exposures.shown(self._planes(view), view),
             far=as_input([self.far]),
-            levels=self._of("dress", "level", star),
-            alphas=self._of("dress", "opacity", star),
+            levels=self._of("dress", "level", around),
+            alphas=self._of("dress", "opacity", around),
             footprint=own.pop("footprint"),
             colours=own.pop("colours"),
             changes=own.pop("changes"),
         )
-        self._let_go("dress", star)
+        self._let_go("dress", around)
         return assembled(outputs, [camera], self.near, self.stages["finish"].name)
 
-    def _dressed(self, view: int) -> None:
+    def _dress(self, view: int) -> None:
         if ("dress", view) in self.made:
             return
-        star = self.stars[view]
+        around = self.neighbours[view]
         self.made["dress", view] = self._run(
             "dress",
             view,
-            images=self.images[list(star)],
+            images=self.images[list(around)],
             shown=self.exposures.shown(self._planes(view), view),
-            levels=self.estimates["level"][list(star), 0],
-            agreements=self.estimates["agreement"][list(star), 0],
+            levels=self.estimates["level"][list(around), 0],
+            agreements=self.estimates["agreement"][list(around), 0],
             **{name: self.estimates[name][view] for name in ("features", "coarse_features", "full", "clues")},
         )
 
@@ -175,32 +175,32 @@ class _Capture:
 
     def estimated(self, view: int) -> None:
         """Find a photo's depth."""
-        star = self.stars[view]
-        for u in star:
-            self._matched(u)
+        around = self.neighbours[view]
+        for u in around:
+            self._match(u)
         own = self.made["match", view]
         heavy = {name: own.pop(name) for name in ("costs", "paths", "coarse_paths")}
         found = self._run(
-            "estimate", view, half=self._of("half", "half", star), levels=self._of("match", "level", star), **heavy
+            "estimate", view, half=self._of("half", "half", around), levels=self._of("match", "level", around), **heavy
         )
         for name, maps in found.items():
             if name not in self.estimates:
                 self.estimates[name] = disk.zeros((len(self.cameras), *maps.shape))
             self.estimates[name][view] = maps
-        self._let_go("match", star)
-        self._let_go("half", star)
+        self._let_go("match", around)
+        self._let_go("half", around)
 
-    def _matched(self, view: int) -> None:
+    def _match(self, view: int) -> None:
         if ("match", view) in self.made:
             return
-        star = self.stars[view]
-        for u in star:
+        around = self.neighbours[view]
+        for u in around:
             if ("half", u) not in self.made:
                 image = self.exposures.matched(self._planes(u), u)
                 self.images[u] = image[0]
                 self.made["half", u] = {"half": _means(image, 2)}
-        self.made["match", view] = self._run("match", view, half=self._of("half", "half", star))
-        self._let_go("half", star)
+        self.made["match", view] = self._run("match", view, half=self._of("half", "half", around))
+        self._let_go("half", around)
 
     def _planes(self, view: int) -> NDArray:
         """(1, 3, H, W) float32 of a photo."""
@@ -208,43 +208,43 @@ class _Capture:
 
     def _run(self, stage: str, view: int, **maps: NDArray) -> dict[str, NDArray]:
         """What a stage makes of a photo and its partners, given their cameras and maps."""
-        star = self.stars[view]
+        around = self.neighbours[view]
         own = self.cameras[view].centre
-        c2w = np.stack([np.eye(4)] * len(star))
-        for pose, camera in zip(c2w, (self.cameras[u] for u in star), strict=True):
+        c2w = np.stack([np.eye(4)] * len(around))
+        for pose, camera in zip(c2w, (self.cameras[u] for u in around), strict=True):
             pose[:3, :3], pose[:3, 3] = camera.rotation.T, camera.centre - own
-        K = np.stack([self.units[u] for u in star])
-        ranges = np.concatenate([self.ranges[u] for u in star])
+        K = np.stack([self.units[u] for u in around])
+        ranges = np.concatenate([self.ranges[u] for u in around])
         return self.stages[stage].run({"K": K, "c2w": as_input(c2w), "ranges": ranges, **maps})
 
-    def _of(self, stage: str, name: str, star: Sequence[int]) -> NDArray:
+    def _of(self, stage: str, name: str, around: Sequence[int]) -> NDArray:
         """(N, …) what a stage made of a photo and its partners."""
-        return np.concatenate([self.made[stage, u][name] for u in star])
+        return np.concatenate([self.made[stage, u][name] for u in around])
 
-    def _let_go(self, stage: str, star: Sequence[int]) -> None:
+    def _let_go(self, stage: str, around: Sequence[int]) -> None:
         """A photo has had what this stage made of it and of its partners: what nobody else needs is dropped."""
-        for u in star:
+        for u in around:
             self.needed[stage][u] -= 1
             if not self.needed[stage][u]:
                 del self.made[stage, u]
 
-    def _looked_at(self, cells: Sequence[NDArray]) -> Exposures:
+    def _exposures(self, cells: Sequence[NDArray]) -> Exposures:
         """Exposures by what cells show; narrows the ranges to what they take up."""
         levels, pairs, ranges = [], [], []
-        for v, star in enumerate(self.stars):
-            levels.append(self._run("glance", v, cells=np.concatenate([cells[u] for u in star]))["level"])
-        for v, star in enumerate(self.stars):
-            among, beside = (np.concatenate([maps[u] for u in star]) for maps in (cells, levels))
+        for v, around in enumerate(self.neighbours):
+            levels.append(self._run("glance", v, cells=np.concatenate([cells[u] for u in around]))["level"])
+        for v, around in enumerate(self.neighbours):
+            among, beside = (np.concatenate([maps[u] for u in around]) for maps in (cells, levels))
             settled = self._run("settle", v, cells=among, levels=beside)
             ranges.append(settled["range"])
             here = cells[v][0].reshape(3, -1).T
             for u, there, sound in zip(
-                star[1:], settled["there"], settled["sound"].reshape(len(star) - 1, -1), strict=True
+                around[1:], settled["there"], settled["sound"].reshape(len(around) - 1, -1), strict=True
             ):
                 tells = sound > LEAST_SOUND
                 pairs.append(Pair(v, u, here[tells], there.reshape(3, -1).T[tells], sound[tells], sound.size))
         self.ranges = ranges
-        return one_exposure(pairs, [star[1:] for star in self.stars])
+        return one_exposure(pairs, [around[1:] for around in self.neighbours])
 
 
 def _means(planes: NDArray, side: int) -> NDArray:
