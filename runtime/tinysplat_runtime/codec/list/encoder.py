@@ -41,19 +41,18 @@ from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
 from ...scene.cameras import Camera
 from ...scene.neighbours import spread
-from ...system.blas import product, symmetric_eigen
 from ...system.decibels import decibels
 from ...system.evenly import evenly
 from ...system.threads import Crew
-from ..basis import leading_signs
 from ..depth_step.blocks import whole_steps
 from ..hevc import CodedPlane, encode_plane
 from ..job import EncodeStats, check_qp
 from ..profiles import EncoderSettings, Profile
 from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder
-from .attributes import KNEE, LEAST_SCALE, ROWS, Columns, companded, to_columns
+from .attributes import KNEE, LEAST_SCALE, Columns, companded, to_columns
 from .blocks import blocks_of
+from .colours import FLAT_SHARE, principal_colours
 from .decoder import arrays_of
 from .evenness import sizes_about
 from .grid import cells_in, grid_of, means_of, with_cell
@@ -74,16 +73,6 @@ many times. Trained scenes have 3.7 and more, fused captures 0.2.
 EVEN_SIZES = 8.0
 """Sizes of a place all have steps of the same share: they are coded where `companded` is so many times finer."""
 
-BRIGHTEST = 32.0
-"""SH coefficients are cut at so many times the spread of all but a hundredth of them, or at this number if that is
-more: what few exceed it would be white anyway, and take the first principal components from all others."""
-
-FLAT_SHARE = 0.12
-"""Standard deviation, in steps, below which a channel is stored as a number."""
-
-COLOUR_SHARE = 0.25
-"""The same below which a component of colour behind the third is left out: its column of the basis takes bytes too."""
-
 ROOT_THRESHOLDS = np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
 """Half octaves of √opacity, from that of the least opacity that shows."""
 
@@ -98,8 +87,6 @@ MOST_MEASURED, MOST_BLOCKS = 8, 4
 
 MOST_VIEWPOINTS = 64
 """Cameras of photos that a file keeps; of more, those that lie far from one another."""
-
-_SAMPLE, _TOGETHER = 1 << 17, 8
 
 
 @dataclass(frozen=True)
@@ -296,7 +283,7 @@ class ListEncoder(Coder):
             rows = np.split(np.arange(len(sh)), np.cumsum([len(own) for own in rows])[:-1])
         gains = np.concatenate([tier.orders[2].gains for tier in tiers])
         flat = sh.reshape(len(sh), -1)
-        palette = _palette(flat, np.concatenate(rows), gains, steps)
+        palette = principal_colours(flat, np.concatenate(rows), gains, steps)
         mean, basis = palette.mean, palette.basis
         coded = []
         for number, (tier, own) in enumerate(zip(tiers, rows, strict=True)):
@@ -440,62 +427,6 @@ def _size_thresholds(sizes: NDArray, middle: float) -> NDArray:
     low, high = np.percentile(sizes, (0.5, 99.5)) / math.log(2)
     at = np.arange(math.floor(low), math.ceil(high) + 1)[:128] * math.log(2)
     return np.unique(companded(at, middle).astype(np.float32))
-
-
-@dataclass(frozen=True)
-class _Palette:
-    """Principal components of colours.
-
-    Attributes:
-        mean: (d,) float32.
-        basis: (d, k) float16.
-        low, high: (d,) between which coefficients are cut.
-        projection: (d, k) float64, to components.
-    """
-
-    mean: NDArray
-    basis: NDArray
-    low: NDArray
-    high: NDArray
-    projection: NDArray
-
-    def components(self, sh: NDArray, rows: NDArray) -> Iterator[tuple[int, NDArray]]:
-        """Of `rows` (n,) of coefficients (N, d) the number of a component, and from it on some (…, n) float64, till all
-        are there.
-        """
-        for first in range(0, self.projection.shape[1], _TOGETHER):
-            towards = np.ascontiguousarray(self.projection[:, first : first + _TOGETHER])
-            out = np.empty((towards.shape[1], len(rows)))
-            for start in range(0, len(rows), ROWS):
-                part = slice(start, start + ROWS)
-                own = sh[rows[part]].clip(self.low, self.high) - self.mean.astype(np.float64)
-                out[:, part] = product(own, towards).T
-            yield first, out
-
-
-def _palette(sh: NDArray, rows: NDArray, gains: NDArray, steps: Steps) -> _Palette:
-    """Principal components of `rows` (n,) of (N, d) coefficients under the weights that errors show with; as many as
-    hold more than nothing at their steps. `gains` are (n,).
-    """
-    every = -(-len(rows) // _SAMPLE)
-    sample, weights = sh[rows[::every]].astype(np.float64), np.square(1 / gains[::every])
-    middle = np.median(sample, axis=0)
-    away = [np.percentile(np.abs(column - of), 99) for column, of in zip(sample.T, middle, strict=True)]
-    most = BRIGHTEST * np.maximum(away, 1)
-    low, high = middle - most, middle + most
-    centred = sample.clip(low, high, out=sample)
-    mean = (np.einsum("nd,n->d", sample, weights) / weights.sum()).astype(np.float32)
-    centred -= mean
-    moment = product((centred * weights[:, None]).T, centred) / len(sample)
-    values, vectors = symmetric_eigen(moment)
-    numbers = range(len(values))
-    least = np.array([steps.of(PlaneClass.COLOR, n) * (FLAT_SHARE if n < 3 else COLOUR_SHARE) for n in numbers])
-    k = int((np.sqrt(np.maximum(values[::-1], 0)) > least).sum())
-    chosen = vectors[:, ::-1][:, :k]
-    basis = (chosen * leading_signs(chosen)).astype(np.float16)
-    wide = basis.astype(np.float64)
-    projection = np.linalg.solve(product(wide.T, wide), wide.T).T if k else wide
-    return _Palette(mean, basis, low, high, projection)
 
 
 def _narrow(whole: NDArray) -> NDArray:
