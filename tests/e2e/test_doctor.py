@@ -35,6 +35,13 @@ def test_a_sound_installation_has_nothing_wrong() -> None:
     assert all(name in text for name in (report["python"], report["packages"]["numpy"], "libx265", "sweep"))
 
 
+def test_what_is_compiled_can_be_ready_before_anybody_waits() -> None:
+    pytest.importorskip("numba")
+    done = tinysplat("doctor", "--warm", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert Path(done.stdout.strip().rpartition(" in ")[2]).parent.is_dir()
+
+
 def test_an_altered_model_is_named(tmp_path: Path) -> None:
     models = tmp_path / "models"
     shutil.copytree(MODELS, models)

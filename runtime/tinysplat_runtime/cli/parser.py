@@ -259,6 +259,7 @@ def _doctor(commands: Commands) -> None:
     parser = commands.add_parser("doctor", help="what is installed, and what is wrong with it")
     _quiet(parser)
     parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument("--warm", action="store_true", help="compile now what would be when first used")
     parser.add_argument(
         "--provider",
         metavar="NAME[:KEY=VALUE,…]",

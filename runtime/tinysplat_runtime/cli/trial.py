@@ -32,7 +32,7 @@ def ran_by(providers: Sequence[Provider], wrong: list[str]) -> dict[str, dict[st
         runtime = Runtime(threads=1, providers=providers)
         runtime.store = GraphStore(threads=1, providers=providers, profile=folder)
         try:
-            gaussians = predict(*_photos(), runtime.store.network(DEFAULT_MODEL))
+            gaussians = predict(*made_photos(2), runtime.store.network(DEFAULT_MODEL))
             sh = np.tile(gaussians.sh, (4, 1))  # of degree 1, as one colour each needs no analysis of its own
             gaussians = replace(gaussians, sh=sh, extra_layers=())
             runtime.decompress(runtime.compress(gaussians, "paper"))
@@ -41,12 +41,12 @@ def ran_by(providers: Sequence[Provider], wrong: list[str]) -> dict[str, dict[st
         return runtime.store.nodes_by_provider()
 
 
-def _photos() -> tuple[NDArray, tuple[Camera, ...], float, float]:
-    """(2, SIDE, SIDE, 3) float32 of a textured plane at z = 3, its cameras, near and far."""
+def made_photos(count: int) -> tuple[NDArray, tuple[Camera, ...], float, float]:
+    """(count, SIDE, SIDE, 3) float32 of a textured plane at z = 3, its cameras, near and far."""
     K = np.array([[SIDE, 0, SIDE / 2], [0, SIDE, SIDE / 2], [0, 0, 1]])
     y, x = np.mgrid[:SIDE, :SIDE] * (3 / SIDE)
     images, cameras = [], []
-    for offset in (-0.1, 0.1):
+    for offset in np.linspace(-0.1, 0.1, count):
         c2w = np.eye(4)
         c2w[0, 3] = offset
         cameras.append(Camera(K, c2w, SIDE, SIDE))

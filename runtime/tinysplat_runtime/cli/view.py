@@ -28,7 +28,7 @@ from ..errors import InputError, TinySplatError
 from ..formats.table import load_gaussians
 from ..page.build import SCENE, Shown, player_page, scene_files, scene_page
 from ..page.front import front_of, front_view
-from ..render import Renderer
+from ..render import render
 from ..render.near import FEW
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
@@ -148,7 +148,7 @@ def _poster(
         camera = camera or front_of(gaussians)
     scale = min(1.0, POSTER_SIDE / max(camera.height, camera.width))
     small = camera.resized(round(scale * camera.height), round(scale * camera.width))
-    picture: NDArray = Renderer(gaussians).render(small, background=background or (0, 0, 0))
+    picture: NDArray = render(gaussians, small, background=background or (0, 0, 0))
     return picture
 
 

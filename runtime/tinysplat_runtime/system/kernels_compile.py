@@ -5,25 +5,44 @@ from __future__ import annotations
 from typing import Any
 
 from numba import njit
+from numba.core import event
+
+from . import progress
 
 Number = Any  # numba infers what kind when it compiles
 
 
-def _is_kept() -> bool:
-    """Whether compiled code can be stored; in containers neither this folder nor the user's cache may be writable."""
+def _kept_in() -> str:
+    """The folder beside which compiled code is stored, empty where there is none: in containers neither this one nor
+    the user's cache may be writable, nor `NUMBA_CACHE_DIR` given.
+    """
 
     def nothing() -> None:
         pass
 
     try:
-        njit(cache=True)(nothing)
+        return str(njit(cache=True)(nothing).stats.cache_path)
     except RuntimeError:
-        return False
-    return True
+        return ""
+
+
+class _Aside(event.Listener):
+    """Says of a step, while it compiles, that this is done once."""
+
+    def on_start(self, event: event.Event) -> None:
+        progress.asides.append("compiling, once")
+
+    def on_end(self, event: event.Event) -> None:
+        progress.asides.pop()
+
+
+KEPT_IN = _kept_in()
+_register: Any = event.register
+_register("numba:compile", _Aside())
 
 
 # A product and a sum may become one instruction; nothing else of "fast math" is safe with infinities about.
-OPTIONS: dict[str, Any] = {"nogil": True, "cache": _is_kept(), "error_model": "numpy", "fastmath": {"contract"}}
+OPTIONS: dict[str, Any] = {"nogil": True, "cache": bool(KEPT_IN), "error_model": "numpy", "fastmath": {"contract"}}
 compiled = njit(**OPTIONS)
 
 # Sums over lanes may be vector sums, whose order the compiler fixes.

@@ -25,6 +25,9 @@ TERMINAL_EVERY_S = 1.0
 _speaking: list[object] = []
 """Who may speak, outermost first: the process has one standard error."""
 
+asides: list[str] = []
+"""What goes on besides, and why a step takes longer than it will the next time."""
+
 _step = [""]
 """What the outermost says that it does."""
 
@@ -67,7 +70,7 @@ def working(label: str, *, quiet: bool, note: Callable[[], str] = str) -> Iterat
     terminal, start = sys.stderr.isatty(), time.monotonic()
 
     def speak() -> None:
-        text = printable(f"{time.monotonic() - start:.0f} s {note()}")
+        text = printable(" ".join([f"{time.monotonic() - start:.0f} s", note(), *asides[-1:]]))
         print(f"\r{label} {text}\033[K" if terminal else f"{label}: {text}\n", end="", file=sys.stderr, flush=True)
 
     if quiet:
@@ -90,7 +93,7 @@ def still_there(label: str, *, quiet: bool) -> Iterator[None]:
     terminal, start = sys.stderr.isatty(), time.monotonic()
 
     def speak() -> None:
-        seconds = f"{time.monotonic() - start:.0f} s"
+        seconds = " ".join([f"{time.monotonic() - start:.0f} s", *asides[-1:]])
         print(f"\r{seconds}\r" if terminal else f"{_step[0]}: {seconds}\n", end="", file=sys.stderr, flush=True)
 
     step(label)
