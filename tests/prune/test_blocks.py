@@ -18,7 +18,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.thinning import ThinningEncoder
+from tinysplat_runtime.prune.encoder import PruningEncoder
 
 COUNT = 1600
 
@@ -50,7 +50,7 @@ def test_a_list_in_blocks_loses_what_nobody_sees_and_looks_like_one_in_a_piece(b
     decoded = {}
     for together in (COUNT, COUNT // 3):
         kinds = {"threads": 1, "stats": EncodeStats(), "together": together}
-        coder = ThinningEncoder(balls, views_of(balls), find_profile("balanced"), **kinds)
+        coder = PruningEncoder(balls, views_of(balls), find_profile("balanced"), **kinds)
         decoded[together] = ts.decompress(coder.code(0.0))
     (whole, in_blocks), cameras = decoded.values(), list(balls.viewpoints)
     assert in_blocks.count < 0.6 * COUNT

@@ -35,8 +35,8 @@ def test_a_removal_costs_what_pictures_without_it_show(cloud):
     dim = replace(cloud, sh=0.3 * cloud.sh)  # below white, where the renderer would cut
     camera = ring(dim, 2)[1].resized(96, 140)
     sums, whole = next(Pictures([camera], Crew(2).map).measure(dim, [0])), drawn(dim, camera)
-    dearest = np.argsort(-sums[:, kernels.COST])[[0, 5, 40, 120]]
-    for row in dearest:
+    costliest = np.argsort(-sums[:, kernels.COST])[[0, 5, 40, 120]]
+    for row in costliest:
         without = drawn(dim.taken(np.delete(np.arange(400), row)), camera)
         assert sums[row, kernels.COST] == pytest.approx(np.square(without - whole).sum(), rel=2e-3)
 

@@ -26,9 +26,9 @@ from tinysplat_runtime.system.threads import Crew
 pytest.importorskip("numba")
 
 from tinysplat_runtime.codec.list.views import views_about
+from tinysplat_runtime.prune.encoder import band_penalties
 from tinysplat_runtime.prune.reduction import leave_out
 from tinysplat_runtime.prune.removal import Remover
-from tinysplat_runtime.prune.thinning import band_penalties
 
 
 def joined(*parts: Gaussians) -> Gaussians:
@@ -66,7 +66,7 @@ def remover(gaussians: Gaussians, views: int) -> Remover:
 
 
 def test_what_nobody_sees_goes_first(ball):
-    found = remover(ball, 8).thin_to(350)
+    found = remover(ball, 8).prune_to(350)
     distance = np.linalg.norm(found.gaussians.means, axis=1)
     assert found.left_out == 550 and (distance > 0.9).mean() > 0.9
     assert psnr(found.gaussians, ball, small(views_about(ball, 8))) == pytest.approx(found.psnr, abs=0.1)
@@ -74,7 +74,7 @@ def test_what_nobody_sees_goes_first(ball):
 
 def test_colours_make_up_for_what_went_at_views_that_nobody_looked_at(ball):
     haze = replace(ball, opacities=np.full(900, 0.2), scales=2 * ball.scales, sh=0.3 * ball.means[:, None])
-    found = remover(haze, 20).thin_to(400)
+    found = remover(haze, 20).prune_to(400)
     corrected, as_it_was = (psnr(one, haze, around(haze)) for one in (found.gaussians, haze.taken(found.rows)))
     assert corrected > as_it_was
 
@@ -82,14 +82,14 @@ def test_colours_make_up_for_what_went_at_views_that_nobody_looked_at(ball):
 def test_a_higher_worth_leaves_out_more_and_costs_more():
     cloud = make_list(800, 1, np.random.default_rng(3))
     ranked = remover(cloud, 6)
-    thinned = [ranked.thin(worth) for worth in (0.0, 0.02, 0.2, 1e9)]
-    left = [one.left_out for one in thinned]
+    pruned = [ranked.prune(worth) for worth in (0.0, 0.02, 0.2, 1e9)]
+    left = [one.left_out for one in pruned]
     assert left[0] == 0 and left[0] < left[1] < left[2] < left[3] < 800
-    assert thinned[1].psnr > thinned[2].psnr
-    assert all(set(more.rows) > set(fewer.rows) for more, fewer in pairwise(thinned))  # what goes does not come back
-    few = ranked.thin_to(60).rows
-    assert few.size == 60 and (ranked.dearest(np.arange(800), 60) == few).all()
-    assert set(few) < set(thinned[2].rows) and (thinned[1].rows[ranked.dearest(thinned[1].rows, 60)] == few).all()
+    assert pruned[1].psnr > pruned[2].psnr
+    assert all(set(more.rows) > set(fewer.rows) for more, fewer in pairwise(pruned))  # what goes does not come back
+    few = ranked.prune_to(60).rows
+    assert few.size == 60 and (ranked.costliest(np.arange(800), 60) == few).all()
+    assert set(few) < set(pruned[2].rows) and (pruned[1].rows[ranked.costliest(pruned[1].rows, 60)] == few).all()
     assert ranked.worth_at(30) > ranked.worth_at(50) > 0
 
 
@@ -175,7 +175,7 @@ def test_every_format_takes_what_is_left(ball, tmp_path: Path, capsys: pytest.Ca
         assert tells(capsys.readouterr().out, "450 900")
         assert ts.load_gaussians(tmp_path / name).count == 450
     assert main(["convert", str(tmp_path / "b.tsplat"), "-o", str(tmp_path / "again.tsplat")]) == 0
-    assert ts.load_gaussians(tmp_path / "again.tsplat").count == 450  # thinned once
+    assert ts.load_gaussians(tmp_path / "again.tsplat").count == 450  # pruned once
     assert main(["decode", str(tmp_path / "b.tsplat"), "-o", str(tmp_path / "few.npz"), "--prune", "100"]) == 0
     assert ts.load_gaussians(tmp_path / "few.npz").count == 100
     assert main(["info", str(tmp_path / "b.tsplat")]) == 0

@@ -12,7 +12,7 @@ from ..errors import warn
 from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
 from .amount import Amount
-from .removal import Remover, Thinned
+from .removal import Pruned, Remover
 
 TOLERANCE_DB = 0.3
 """More dB than were asked for that end the search."""
@@ -22,7 +22,7 @@ _DB_PER_DOUBLING = 3.0
 """That pictures lose when a Gaussian's worth doubles, about."""
 
 
-def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
+def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Pruned:
     """The Gaussians that pictures need most, as one list.
 
     Pictures are those of the places that its photos were taken from, where these are known, and beside them; else views
@@ -40,14 +40,14 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Thinned:
         found = _to_psnr(remover, amount.psnr)
     else:
         wanted = amount.count if amount.count is not None else round((1 - (amount.share or 0)) * gaussians.count)
-        found = remover.thin_to(max(min(wanted, shown.count), 1))
+        found = remover.prune_to(max(min(wanted, shown.count), 1))
     notes = replace(gaussians.notes, pruned=found.text or gaussians.notes.pruned)
     return replace(found, gaussians=found.gaussians.with_notes(notes))
 
 
-def _to_psnr(remover: Remover, target: float) -> Thinned:
+def _to_psnr(remover: Remover, target: float) -> Pruned:
     """With the fewest Gaussians found that have so many dB."""
     octaves = math.log2(max(remover.worth_at(target), 1e-9))
     wanted = target, target + TOLERANCE_DB, _DB_PER_DOUBLING
-    found = tries(lambda worth: remover.thin(2**worth), lambda one: one.psnr, *wanted, start=octaves, count=_TRIALS)
+    found = tries(lambda worth: remover.prune(2**worth), lambda one: one.psnr, *wanted, start=octaves, count=_TRIALS)
     return max((one.data for one in found if one.score >= target), key=lambda one: one.left_out, default=remover.whole)

@@ -44,7 +44,7 @@ _ROWS = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned:
+class Pruned:
     """What is left of Gaussians.
 
     Attributes:
@@ -60,12 +60,12 @@ class Thinned:
     psnr: float
 
     @classmethod
-    def none(cls, gaussians: Gaussians) -> Thinned:
+    def none(cls, gaussians: Gaussians) -> Pruned:
         """With all of them left."""
         return cls(gaussians, np.arange(gaussians.count), 0, NOTHING_DB)
 
     @classmethod
-    def joined(cls, blocks: Sequence[Thinned]) -> Thinned:
+    def joined(cls, blocks: Sequence[Pruned]) -> Pruned:
         """What is left of blocks, one after the other, each of which is seen as much."""
         if len(blocks) == 1:
             return blocks[0]
@@ -142,22 +142,22 @@ class Remover:
         self._dearest, self._rounds = 0.0, 0
 
     @property
-    def whole(self) -> Thinned:
+    def whole(self) -> Pruned:
         """All Gaussians."""
-        return Thinned.none(self._all)
+        return Pruned.none(self._all)
 
     def error_of(self, gaussians: Gaussians) -> float:
         """Σ of squared errors of the pictures that decide, over views, pixels and colours."""
         return sum(self._pictures.errors(gaussians))
 
-    def dearest(self, rows: NDArray, count: int) -> NDArray:
+    def costliest(self, rows: NDArray, count: int) -> NDArray:
         """Which of some rows (n,) integer, as numbers (count,) in their order, pictures need most."""
         while self._present.size > count:
             self._go_on()
         return np.sort(np.argsort(self._prices[rows], kind="stable")[rows.size - count :])
 
     def recoloured(self, gaussians: Gaussians, penalties: Sequence[float] = ()) -> Gaussians:
-        """With colours nearer to what pictures of all ask for; `penalties` as `thin` has them."""
+        """With colours nearer to what pictures of all ask for; `penalties` as `prune` has them."""
         for half in self._halves:
             sh = self._recoloured(gaussians, self._look(gaussians, half), half, penalties)
             gaussians = replace(gaussians, sh=sh)
@@ -169,7 +169,7 @@ class Remover:
         costs = np.sort(self._first)
         return float(costs[min(int(np.searchsorted(np.cumsum(costs), wanted)), len(costs) - 1)])
 
-    def thin(self, worth: float, penalties: Sequence[float] = ()) -> Thinned:
+    def prune(self, worth: float, penalties: Sequence[float] = ()) -> Pruned:
         """Leave out what costs less than `worth`, a squared error as `error_of` has it.
 
         Args:
@@ -187,11 +187,11 @@ class Remover:
             keep[self._present[-1]] = True
         return self._without(np.flatnonzero(keep), penalties)
 
-    def thin_to(self, count: int, penalties: Sequence[float] = ()) -> Thinned:
+    def prune_to(self, count: int) -> Pruned:
         """Leave out all but `count`."""
         while self._present.size > count:
             self._go_on()
-        return self._without(np.sort(np.argsort(self._prices, kind="stable")[-count:]), penalties)
+        return self._without(np.sort(np.argsort(self._prices, kind="stable")[-count:]), ())
 
     def _go_on(self) -> None:
         """Let the cheapest go, and look again."""
@@ -207,7 +207,7 @@ class Remover:
         self._sh[self._present] = self._recoloured(left, seen, self._halves[half], ())
         self._rounds += 1
 
-    def _without(self, rows: NDArray, penalties: Sequence[float]) -> Thinned:
+    def _without(self, rows: NDArray, penalties: Sequence[float]) -> Pruned:
         """Some rows, with the others in them where that helps, and colours that make up for the rest."""
         gone = np.setdiff1d(np.arange(self._prices.size), rows)
         # Of what hardly showed, half is left alone: it may lie hidden behind what it would be merged into.
@@ -220,7 +220,7 @@ class Remover:
             left = self.recoloured(left, penalties)
         if shown.size and not self._is_late():
             left = max(left, self._corrected(left), key=self._judges.psnr)
-        return Thinned(left, rows, self._prices.size - rows.size, self._tellers.psnr(left))
+        return Pruned(left, rows, self._prices.size - rows.size, self._tellers.psnr(left))
 
     def _kept(self, cameras: Sequence[Camera]) -> Pictures:
         """Views, with the pictures that all Gaussians make there."""

@@ -10,15 +10,15 @@ import numpy as np
 from ..codec.list.levels import LEAST_COUNT, LEVELS, Tiers
 from ..gaussian.gaussians import Gaussians
 from ..system import disk
-from .removal import Remover, Thinned
+from .removal import Pruned, Remover
 
 GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56, 0.74, 0.94)
 """What is tried for logarithms of scales where later tiers are absent."""
 
 
-def tiers_of(blocks: Sequence[tuple[Remover | None, Thinned]]) -> Tiers:
+def tiers_of(blocks: Sequence[tuple[Remover | None, Pruned]]) -> Tiers:
     """Tiers of what removers left, block by block; one of few. What nobody removed from comes last."""
-    counts = [thinned.rows.size for _, thinned in blocks]
+    counts = [pruned.rows.size for _, pruned in blocks]
     if sum(counts) < LEAST_COUNT:
         return Tiers.whole(sum(counts))
     found = []
@@ -29,15 +29,15 @@ def tiers_of(blocks: Sequence[tuple[Remover | None, Thinned]]) -> Tiers:
     return Tiers(LEVELS, np.concatenate([tiers.numbers for tiers in found]), tuple(growths.tolist()))
 
 
-def _tiers_of(remover: Remover | None, thinned: Thinned) -> Tiers:
-    count, growths = thinned.rows.size, list[float]()
+def _tiers_of(remover: Remover | None, pruned: Pruned) -> Tiers:
+    count, growths = pruned.rows.size, list[float]()
     numbers = np.full(count, len(LEVELS) - 1, np.uint8)
     if remover is None:
         return Tiers(LEVELS, numbers, (0.0,) * (len(LEVELS) - 1))
     for number in range(len(LEVELS) - 2, -1, -1):
-        kept = remover.dearest(thinned.rows, int(LEVELS[number].share * count))
+        kept = remover.costliest(pruned.rows, int(LEVELS[number].share * count))
         numbers[kept] = number
-        growths.append(_growth(remover, thinned.gaussians.taken(kept)) if kept.size else 0.0)
+        growths.append(_growth(remover, pruned.gaussians.taken(kept)) if kept.size else 0.0)
     return Tiers(LEVELS, numbers, tuple(reversed(growths)))
 
 

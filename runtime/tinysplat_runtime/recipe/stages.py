@@ -177,13 +177,13 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
     if pruning.keep_all:
         return encoder(job, views)
     try:
-        from ..prune.thinning import ThinningEncoder
+        from ..prune.encoder import PruningEncoder
     except ImportError as error:
         fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
         warn(fault)
         return encoder(job, views)
     if not views.doubt:
-        return ThinningEncoder(
+        return PruningEncoder(
             job.gaussians,
             views,
             job.profile,

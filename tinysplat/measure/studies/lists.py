@@ -24,7 +24,7 @@ from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.prune.thinning import ThinningEncoder
+from tinysplat_runtime.prune.encoder import PruningEncoder
 from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.scene.intake.layouts import load_scene
@@ -77,10 +77,10 @@ def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
     gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
     shown = visible(gaussians)
     views = from_anywhere(views_of(shown), shown)
-    thinning = ThinningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
+    pruning = PruningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
     for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
         whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats(), views=views)
-        for way, encoder in ((OURS, thinning), (WHOLE, whole)):
+        for way, encoder in ((OURS, pruning), (WHOLE, whole)):
             data = encoder.code(qp)
             yield _point(way, qp, pictures, data, run.runtime.decompress(data))
 

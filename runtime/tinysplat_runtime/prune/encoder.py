@@ -28,7 +28,7 @@ from ..gaussian.gaussians import Gaussians
 from ..system import disk
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
-from .removal import Remover, Thinned
+from .removal import Pruned, Remover
 from .tiers import tiers_of
 
 
@@ -79,7 +79,7 @@ class _Block:
     remover: Remover | None
 
 
-class ThinningEncoder(Coder):
+class PruningEncoder(Coder):
     """Codes one set of Gaussians at any Q_g without those that are not worth their bytes at it.
 
     A large list is ranked block by block, and what a Gaussian is worth is the same in all of them.
@@ -139,15 +139,15 @@ class ThinningEncoder(Coder):
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `ListEncoder.code`."""
         with self._stats.watch.stage("rank"):
-            thinned, penalties = self.thinned(qp)
-            tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, thinned, strict=True)])
-        whole = Thinned.joined(thinned)
+            pruned, penalties = self.pruned(qp)
+            tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, pruned, strict=True)])
+        whole = Pruned.joined(pruned)
         self._stats.left_out, self._stats.left_out_psnr = whole.left_out, whole.psnr
         if self._is_late():
             warn("time for pruning was up: more is kept than needs to be")
         kept = whole.gaussians.with_notes(replace(self._notes, pruned=whole.text))
-        ends = np.cumsum([own.rows.size for own in thinned])
-        del thinned, whole
+        ends = np.cumsum([own.rows.size for own in pruned])
+        del pruned, whole
 
         def recolour(decoded: Gaussians, rows: NDArray) -> NDArray:
             sh, numbers = decoded.sh.copy(), np.searchsorted(ends, rows, side="right")
@@ -169,7 +169,7 @@ class ThinningEncoder(Coder):
         )
         return coder.code(qp, self._terms.steps)
 
-    def thinned(self, qp: float) -> tuple[list[Thinned], list[list[float]]]:
+    def pruned(self, qp: float) -> tuple[list[Pruned], list[list[float]]]:
         """What is left at Q_g of each block, and what its SH coefficients cost."""
         error, count, by_slope = 0.0, 0, list[list[float]]()
         for block in self._blocks:
@@ -182,7 +182,7 @@ class ThinningEncoder(Coder):
         worth = self._terms.slope * error / max(count, 1)
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
         penalties = [[slope * cost for cost in costs] for costs in by_slope]
-        found: list[Thinned] = []
+        found: list[Pruned] = []
         blocks = list(zip(self._blocks, penalties, strict=True))
 
         def note() -> str:
@@ -190,7 +190,7 @@ class ThinningEncoder(Coder):
 
         for block, costs in self._told.progress("pruning", blocks, note=note):
             remover = block.remover
-            found.append(Thinned.none(block.gaussians) if remover is None else remover.thin(worth, costs))
+            found.append(Pruned.none(block.gaussians) if remover is None else remover.prune(worth, costs))
             disk.let_go()
         return found, penalties
 
