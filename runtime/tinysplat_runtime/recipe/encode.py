@@ -22,6 +22,10 @@ from .request import Coding, CompressRequest, EncodeRequest
 from .stages import Pruning, Tools, code, code_photos, refine, sparse
 from .words import Refinement
 
+LIST_QP = -6.0
+"""Q_g of a capture as one list, where nobody said: what is trained on photos is nearer to them than what `compress` is
+usually given, so that the same steps would cost more of it."""
+
 
 @dataclass(frozen=True)
 class Encoded:
@@ -98,7 +102,8 @@ def _list_coded(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeS
     """The file of a capture as one list."""
     gaussians, scene, doubted = listed(request, tools, told, stats=stats)
     told.say("step", "coding")
-    data = code(gaussians, request, tools, pruning=Pruning(told=told), stats=stats)
+    coding = request if request.rates else replace(request, qp=LIST_QP)
+    data = code(gaussians, coding, tools, pruning=Pruning(told=told), stats=stats)
     return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, None, scene, doubted)
 
 
