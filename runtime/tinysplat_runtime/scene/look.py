@@ -51,11 +51,11 @@ _PERCENTILES = (2, 95)
 _ANOTHER_WAY = 0.3  # cosine between the directions of photos that hardly show the same
 _TWICE = 0.001  # of the extent of all cameras: nearer ones stand at one place
 _SAME = 1.5  # planes between two photos' depths of one place
-_CLEAR = 0.45  # the best depth's cost over the mean cost of all depths, below which a pixel tells its depth
+_CONFIDENT = 0.45  # the best depth's cost over the mean cost of all depths, below which a pixel tells its depth
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class CostVolume:
     """What thumbnails show of each other.
 
     Attributes:
@@ -67,14 +67,9 @@ class Look:
     depths: NDArray
 
     @property
-    def cost(self) -> float:
-        """How badly the best depths fit, mean over the pixels: 0 to `UNSEEN`."""
-        return float(np.minimum(self.costs.min(axis=0), UNSEEN).mean())
-
-    @property
-    def clear(self) -> NDArray:
+    def confident(self) -> NDArray:
         """(H, W) bool, which pixels tell their depth."""
-        return self.costs.min(axis=0) < _CLEAR * self.costs.mean(axis=0)
+        return self.costs.min(axis=0) < _CONFIDENT * self.costs.mean(axis=0)
 
 
 def thumbnail_size(camera: Camera, side: int = LOOK_WIDTH) -> tuple[int, int]:
@@ -83,19 +78,18 @@ def thumbnail_size(camera: Camera, side: int = LOOK_WIDTH) -> tuple[int, int]:
     return max(8, round(camera.height * scale)), max(8, round(camera.width * scale))
 
 
-def look(images: NDArray, cameras: Sequence[Camera], depths: NDArray, views: Sequence[int] | None = None) -> list[Look]:
+def cost_volumes(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[CostVolume]:
     """Photos compared with the ones nearest to them.
 
     Args:
         images: thumbnails (V, H, W, 3) float in [0, 1], of their cameras' sizes.
         cameras: two or more.
         depths: (P,) scene units, > 0.
-        views: which photos are; None for every one.
     """
     others = neighbours(cameras)[:, 0]
     return [
-        look_at(images[v], cameras[v], images[others[v]], cameras[others[v]], depths)
-        for v in (range(len(cameras)) if views is None else views)
+        cost_volume(image, camera, images[other], cameras[other], depths)
+        for image, camera, other in zip(images, cameras, others, strict=True)
     ]
 
 
@@ -112,33 +106,33 @@ def neighbours(cameras: Sequence[Camera]) -> NDArray:
     return order
 
 
-def look_at(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> Look:
+def cost_volume(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> CostVolume:
     """A photo (H, W, 3) compared with another, both float in [0, 1] of their cameras' sizes, at depths (P,) > 0."""
-    return Look(_costs(image, camera, other, its, depths), depths)
+    return CostVolume(_costs(image, camera, other, its, depths), depths)
 
 
-def agreed(look: Look, camera: Camera, other: Look, its: Camera) -> float:
+def consistency(own: CostVolume, camera: Camera, other: CostVolume, its: Camera) -> float:
     """Share of a photo's pixels in another's frame at whose best depth the other's own best depth lies, 0 to 1.
 
     Photos of different things often find colours that fit, but not at the same places from both sides.
 
     Args:
-        look, camera: of the photo.
+        own, camera: of the photo.
         other, its: of the other, looked at over the same depths.
     """
-    inside, same = _agreement(look, camera, other, its)
+    inside, same = _consistent(own, camera, other, its)
     return float(same.sum() / max(inside.sum(), 1))
 
 
-def _told(
+def _both_ways(
     images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], depths: NDArray
-) -> list[tuple[Look, NDArray]]:
+) -> list[tuple[CostVolume, NDArray]]:
     """Of either of two photos what it shows of the other, and (H, W) which pixels tell a depth that the other has."""
     v, u = pair
-    here = look_at(images[v], cameras[v], images[u], cameras[u], depths)
-    there = look_at(images[u], cameras[u], images[v], cameras[v], depths)
+    here = cost_volume(images[v], cameras[v], images[u], cameras[u], depths)
+    there = cost_volume(images[u], cameras[u], images[v], cameras[v], depths)
     both = ((here, cameras[v], there, cameras[u]), (there, cameras[u], here, cameras[v]))
-    return [(one[0], one[0].clear & _agreement(*one)[1]) for one in both]
+    return [(one[0], one[0].confident & _consistent(*one)[1]) for one in both]
 
 
 def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) -> tuple[float, float]:
@@ -149,7 +143,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) 
     are as many as a thumbnail has pixels along its longer side.
 
     Args:
-        images, cameras: as for `look`.
+        images, cameras: as for `cost_volumes`.
         told: is told of each pair of photos.
 
     Raises:
@@ -162,7 +156,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) 
     least = float(np.median(np.where(apart > _TWICE * extent, apart, np.inf).min(axis=1))) / 2
     while True:
         pairs = _pairs(cameras, least)
-        depths = [_depths_agreed(images, cameras, pair, float(apart[pair])) for pair in told.progress("depths", pairs)]
+        depths = [_sure_depths(images, cameras, pair, float(apart[pair])) for pair in told.progress("depths", pairs)]
         agreed = np.concatenate([of_one for both in depths for of_one in both])
         apart_most = float(np.median([apart[pair] for pair in pairs]))
         least *= _FARTHER
@@ -198,17 +192,17 @@ def _pairs(cameras: Sequence[Camera], least: float) -> list[tuple[int, int]]:
     return sorted(pairs)
 
 
-def _depths_agreed(images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], apart: float) -> list[NDArray]:
+def _sure_depths(images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], apart: float) -> list[NDArray]:
     """Depths of the pixels of each of two photos that tell it and that the other has at about the same depth."""
     inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), max(images.shape[1:3]))
-    both = _told(images, cameras, pair, 1 / inverse)
-    return [look.depths[look.costs.argmin(axis=0)[is_told]] for look, is_told in both]
+    both = _both_ways(images, cameras, pair, 1 / inverse)
+    return [volume.depths[volume.costs.argmin(axis=0)[is_told]] for volume, is_told in both]
 
 
-def _agreement(look: Look, camera: Camera, other: Look, its: Camera) -> tuple[NDArray, NDArray]:
-    """Which pixels (H, W) lie in another photo's frame, and at which of these it finds the same depth; see `agreed`."""
-    inverse = 1 / look.depths
-    best = look.depths[look.costs.argmin(axis=0)]
+def _consistent(own: CostVolume, camera: Camera, other: CostVolume, its: Camera) -> tuple[NDArray, NDArray]:
+    """Which pixels (H, W) lie in another photo's frame, and at which of these it has that depth, too."""
+    inverse = 1 / own.depths
+    best = own.depths[own.costs.argmin(axis=0)]
     (point,) = _points(camera, its, best.shape, best[None, :, :, None])
     row, column, inside = _places(point, its)
     step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)

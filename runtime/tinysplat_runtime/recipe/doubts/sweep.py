@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...scene.look import PLANES, Look, agreed, look, neighbours
+from ...scene.look import PLANES, CostVolume, consistency, cost_volumes, neighbours
 from .seen import Seen
 
 HARDLY = 0.1
@@ -35,10 +35,10 @@ def range_doubts(seen: Seen) -> list[str]:
     near, far = seen.depths[0], seen.depths[-1]
     if np.ptp([camera.centre for camera in seen.cameras], axis=0).max() <= 1e-6 * near:
         return []  # no range would do from one place, which the network refuses in words of its own
-    looks = look(seen.images, seen.cameras, seen.depths)
-    if not _match(seen, looks):
-        looks = look(seen.evened, seen.cameras, seen.depths)
-    if not _match(seen, looks):
+    volumes = cost_volumes(seen.images, seen.cameras, seen.depths)
+    if not _match(seen, volumes):
+        volumes = cost_volumes(seen.evened, seen.cameras, seen.depths)
+    if not _match(seen, volumes):
         if seen.confirmed:
             return []  # most overlap too little for a depth, but what they have in common is where cameras say
         who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
@@ -48,7 +48,8 @@ def range_doubts(seen: Seen) -> list[str]:
         return [f"{who} do not match {range_}{names}: too little overlap, other places, or wrong poses or depths"]
     if seen.is_estimated:
         return []
-    low, high = np.percentile(np.concatenate([found.costs.argmin(axis=0)[found.clear] for found in looks]), (10, 90))
+    best = np.concatenate([found.costs.argmin(axis=0)[found.confident] for found in volumes])
+    low, high = np.percentile(best, (10, 90))
     shown = seen.depths[round(low)], seen.depths[round(high)]
     if low < EMPTY[0] * (PLANES - 1) or shown[0] < EMPTY[1] * near:
         return []
@@ -56,9 +57,9 @@ def range_doubts(seen: Seen) -> list[str]:
     return [f"near {near:g} and far {far:g} reach far beyond what the photos show, most of it from {extent}"]
 
 
-def _match(seen: Seen, looks: Sequence[Look]) -> bool:
+def _match(seen: Seen, volumes: Sequence[CostVolume]) -> bool:
     """Whether pixels tell their depth, and any photo most often the depth that the one nearest to it has, too."""
     cameras = seen.cameras
     nearest = enumerate(neighbours(cameras)[:, 0])
-    alike = max(agreed(looks[v], cameras[v], looks[u], cameras[u]) for v, u in nearest)
-    return alike >= ALIKE and max(look.clear.mean() for look in looks) >= HARDLY
+    alike = max(consistency(volumes[v], cameras[v], volumes[u], cameras[u]) for v, u in nearest)
+    return alike >= ALIKE and max(volume.confident.mean() for volume in volumes) >= HARDLY
