@@ -98,9 +98,7 @@ def test_changes_of_depth_cost_their_variation_by_the_weight_of_every_edge() -> 
 def test_changes_cost_bits_of_the_planes_that_are_coded() -> None:
     gaussians, rng = make_smooth_gaussians(2, 5, 6, degree=0), np.random.default_rng(1)
     grids = MovableGaussians(gaussians, Crew(1).map).grids
-    price, coarse = (
-        plane_prices(gaussians, grids, find_profile("balanced"), qp, bit)[grids[1]] for qp, bit in ((0, 0.3), (6, 0.3))
-    )
+    price, coarse = (plane_prices(gaussians, grids, find_profile("balanced"), qp, 0.3, 0.1)[grids[1]] for qp in (0, 6))
     camera = gaussians.cameras[1]
     z = (gaussians.means[1] - camera.centre) @ camera.rotation[2]
     sizes = gaussians.scales[1].mean(axis=-1) * camera.focal / z
@@ -115,8 +113,8 @@ def test_changes_cost_bits_of_the_planes_that_are_coded() -> None:
     def cost(values: np.ndarray) -> float:
         opacities = 1 / (1 + np.exp(-values[LOGIT]))
         planes = [price.planes[0] * np.exp(-values[LOG_DEPTH]), price.planes[1] * np.exp(values[LOG_SIZE])]
-        planes += [opacities / price.opacity, *(values[SH_RED:] / price.color)]
-        return 0.3 * sum(bits(plane) for plane in planes)
+        planes.append(opacities / price.opacity)
+        return 0.3 * sum(map(bits, planes)) + 0.1 * sum(map(bits, values[SH_RED:] / price.color))
 
     values, before = rng.normal(0, 0.3, (2, 6, 5, 6)).astype(np.float32)
     gradient = before.copy()

@@ -144,7 +144,7 @@ def test_photos_exposed_otherwise_are_seen_so_and_change_no_colours(tmp_path: Pa
     photos = photographed(tmp_path, whole, list(whole.cameras))
     ((*targets,),) = sizes_of(whole, photos)
     targets = [replace(one, photo=one.photo + np.float32(offset)) for one, offset in zip(targets, offsets, strict=True)]
-    prices = plane_prices(whole, field.grids, find_profile("balanced"), 0.0, 0.0)
+    prices = plane_prices(whole, field.grids, find_profile("balanced"), 0.0, 0.0, 0.0)
     loop = Loop(field, [targets], prices, settings_for(3), run)
     check = loop.check()
     for _ in range(8):

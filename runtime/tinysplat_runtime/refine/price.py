@@ -27,13 +27,14 @@ class PlanePrice:
     Attributes:
         planes: (2, H, W) float32, at the start 1/z over depth's step, and the mean of ŝ over the scale's step.
         opacity, color: steps.
-        bit: |error| that a bit is worth.
+        bit, color_bit: |error| that a bit is worth, of all but colours and of these.
     """
 
     planes: NDArray
     opacity: float
     color: float
     bit: float
+    color_bit: float
 
     def add_gradient(self, values: NDArray, gradient: NDArray) -> None:
         """Add the gradient of the bits' price; values and gradient are (6, H, W) float32."""
@@ -51,12 +52,12 @@ class PlanePrice:
             gradient[kind] += slope * plane * factor
         for kind in range(SH_RED, len(values)):
             slope[:] = 0
-            kernels.add_bits(values[kind] / np.float32(self.color), self.bit, slope)
+            kernels.add_bits(values[kind] / np.float32(self.color), self.color_bit, slope)
             gradient[kind] += slope / np.float32(self.color)
 
 
 def plane_prices(
-    gaussians: Gaussians, grids: tuple[Grid, ...], profile: Profile, qp: float, bit: float
+    gaussians: Gaussians, grids: tuple[Grid, ...], profile: Profile, qp: float, bit: float, color_bit: float
 ) -> dict[Grid, PlanePrice]:
     """A `PlanePrice` for every grid."""
     settings = profile.settings if isinstance(profile.settings, AdaptiveSettings) else ADAPTIVE
@@ -74,7 +75,7 @@ def plane_prices(
         for view, planes in enumerate(kept):
             for plane, values, step in zip(planes, _planes(layer, view), steps, strict=True):
                 plane[:] = values / step
-            prices[grids[len(prices)]] = PlanePrice(planes, opacity, color, bit)
+            prices[grids[len(prices)]] = PlanePrice(planes, opacity, color, bit, color_bit)
     return prices
 
 

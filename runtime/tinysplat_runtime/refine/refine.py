@@ -88,8 +88,8 @@ class Refining:
         self.stats = stats if stats is not None else RefineStats()
         self._start, self._worse, self._least = gaussians, 0, Look(-math.inf, -math.inf)
         self._told = profile, qp, run_jobs
-        is_small = steps_below(gaussians.opacities[0].size, 1, MAX_STEPS) == 0
-        self._settings = settings_for(len(gaussians.cameras), below=is_small)
+        pixels = gaussians.opacities[0].size
+        self._settings = settings_for(len(gaussians.cameras), pixels, below=steps_below(pixels, 1, MAX_STEPS) == 0)
         self._smaller: _Smaller | None = None
         self._seconds = dict[str, float]()
         self._sizes = sizes_of(gaussians, matched(gaussians, scene), self._settings.closer)
@@ -218,7 +218,7 @@ class Refining:
         gaussians, run_jobs = halved(self._start), self._told[2]
         moving = MovableGaussians(gaussians, run_jobs)
         targets = lacking_alike(self._sizes[0], self._halved, moving)
-        settings = settings_for(len(gaussians.cameras), below=True)
+        settings = settings_for(len(gaussians.cameras), self._start.opacities[0].size, below=True)
         loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs)
         start = disk.zeros(moving.values.shape, views=len(gaussians.cameras))
         for grid in moving.grids:
@@ -236,7 +236,8 @@ class Refining:
 
     def _prices(self, gaussians: Gaussians, moving: MovableGaussians) -> dict:
         profile, qp, _ = self._told
-        return plane_prices(gaussians, moving.grids, profile, qp, self._settings.price)
+        bits = self._settings.price, self._settings.price_of_colour
+        return plane_prices(gaussians, moving.grids, profile, qp, *bits)
 
     def _timed(self, what: str, work: Callable[[], Made]) -> Made:
         start = time.perf_counter()

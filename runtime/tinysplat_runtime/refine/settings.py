@@ -21,6 +21,7 @@ class Settings:
         variation: weight of the total variation of changes of log depth, at 0 contrast.
         edge: how fast that weight falls with the photo's contrast, e^(−edge · |difference|).
         price: |error| that a bit of the file is worth.
+        price_of_colour: the same of a bit of colours: what is saved there is detail that people see.
         half_after: steps at one size after which steps go half as far: photos contradict each other, and corrected by
             one after the other, Gaussians would go on moving between what each of them asks for.
         exposure: step size of a photo's gain and offset.
@@ -57,6 +58,7 @@ class Settings:
     variation: float = 0.05
     edge: float = 10.0
     price: float = 0.005
+    price_of_colour: float = 0.005
     half_after: float = 8.0
     exposure: float = 2e-3
     together: int = 1
@@ -64,7 +66,7 @@ class Settings:
     hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
-    slack: float = 0.0015
+    slack: float = 0.0012
     slack_alike: float = 0.08
     least_shown: tuple[float, float] = (18.0, 0.6)
     patience: int = 3
@@ -95,17 +97,21 @@ FOR_TWO = Settings(
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
 OF_CAPTURE = Settings(
-    log_depth=6e-4, log_size=0.04, logit=0.08, sh=8.4e-3, structure=0.2, patience=2, usual_steps=8,
-    steps_below=5, held_back=8, given_back=2, leaves_own_out=True, closer=False,
+    log_depth=6e-4, log_size=0.04, logit=0.08, sh=4.2e-3, price=0.02, price_of_colour=6e-4, structure=0.2,
+    patience=2, usual_steps=8, steps_below=5, held_back=8, given_back=2, leaves_own_out=True, closer=False,
 )  # fmt: skip
 """Most is mended on smaller copies, smoothly, which costs few bytes; pixels of their own then go no far way."""
 
-BELOW_CAPTURE = replace(OF_CAPTURE, log_depth=4e-3, log_size=0.1, logit=0.2, sh=1.4e-2)
+BELOW_CAPTURE = replace(OF_CAPTURE, log_depth=4e-3, log_size=0.1, logit=0.2, sh=7e-3)
 """The same on smaller copies."""
 
+USUAL_PIXELS = 256 * 256
+"""Of a view, for which a capture's steps of depth are: they go as many pixels far in larger ones."""
 
-def settings_for(views: int, below: bool = False) -> Settings:
-    """What fits that many photos; `below`, smaller copies, and what is too small to have any."""
+
+def settings_for(views: int, pixels: int = USUAL_PIXELS, below: bool = False) -> Settings:
+    """What fits that many photos of so many pixels; `below`, smaller copies, and what is too small to have any."""
     if views > FEW:
-        return BELOW_CAPTURE if below else OF_CAPTURE
+        settings = BELOW_CAPTURE if below else OF_CAPTURE
+        return replace(settings, log_depth=settings.log_depth * math.sqrt(min(USUAL_PIXELS / pixels, 1)))
     return FOR_TWO if views == 2 else Settings()
