@@ -139,8 +139,11 @@ def test_a_plane_costs_what_its_definition_says(scene: TracedScene) -> None:
         )
         spent = np.zeros((H, W), np.float32)
         k.search(
-            *(np.ascontiguousarray(maps.reshape(5, -1), np.float32) for maps in (grey, colours, inverse)),
-            *(np.ascontiguousarray(maps, np.float32) for maps in (A, b, planes, first)),
+            k.Compared(
+                *(np.ascontiguousarray(maps.reshape(5, -1), np.float32) for maps in (grey, colours, inverse)),
+                *(np.ascontiguousarray(maps, np.float32) for maps in (A, b)),
+            ),
+            *(np.ascontiguousarray(maps, np.float32) for maps in (planes, first)),
             np.zeros((0, H, W), np.float32), np.float32(0), np.float32(9), spent,
         )  # fmt: skip
         for x, y in rng.integers((0, 0), (W, H), (40, 2)):

@@ -26,7 +26,7 @@ from ..scene.neighbours import Neighbours
 from ..scene.scenes import Frame
 from ..system import disk
 from ..system.told import NOBODY, Told
-from .kernels_joint import medians, put, search
+from .kernels_joint import Compared, medians, put, search
 
 SOURCES = 5
 """Other photos that the pixels of one are held against: its nearest partners."""
@@ -175,19 +175,14 @@ class _Beside:
         """
         its = colours[self.views].reshape(len(self.views), first.size, 3)
         spent = np.zeros(first.shape, np.float32)
-        search(
+        photos = Compared(
             its.mean(axis=2),
             its.reshape(len(its), -1),
             found[self.views].reshape(len(its), -1),
             self.A.astype(np.float32),
             self.b.astype(np.float32),
-            planes,
-            first,
-            candidates,
-            np.float32(low),
-            np.float32(high),
-            spent,
         )
+        search(photos, planes, first, candidates, np.float32(low), np.float32(high), spent)
         return spent
 
 

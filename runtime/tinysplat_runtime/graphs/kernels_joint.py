@@ -8,6 +8,7 @@ centres at (x + ½, y + ½). A plane is its inverse depth at the pixel and how m
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,24 @@ _SMOOTH, _SMOOTH_PX, _SMOOTH_COLOUR = _F(SMOOTH / 4 / SMOOTH_PX), _F(SMOOTH_PX),
 _LEAST_SCALE, _LEAST_PARALLAX = _F(1e-3), _F(1e-6)
 
 
+class Compared(NamedTuple):
+    """A photo and its S sources, each a row but of A and b, which are the sources' alone.
+
+    Attributes:
+        grey: (1 + S, h·w) float32.
+        colours: (1 + S, h·w·3) likewise, in one exposure.
+        inverse: (1 + S, h·w) inverse depths of the sources' maps, negative where they know nothing; the first row is
+            not read.
+        A, b: (S, 3, 3) and (S, 3) float32: a pixel p = (x, y, 1) of inverse depth w lies in a source at A·p + w·b.
+    """
+
+    grey: NDArray
+    colours: NDArray
+    inverse: NDArray
+    A: NDArray
+    b: NDArray
+
+
 @compiled
 def _parallax(A: NDArray, b: NDArray, x: Number, y: Number, w: Number) -> Number:
     """Pixels that a point at (x, y) of inverse depth w moves in sources per inverse depth, the mean."""
@@ -111,21 +130,26 @@ def _window(grey: NDArray, colours: NDArray, x: int, y: int, width: int, height:
 
 @compiled
 def _source_cost(
-    grey: NDArray, colours: NDArray, inverse: NDArray, A: NDArray, b: NDArray, plane: tuple[Number, Number, Number],
-    pixel: tuple[int, int, int, int], own: tuple[Number, Number, Number], window: NDArray,
+    photos: Compared,
+    source: int,
+    plane: tuple[Number, Number, Number],
+    pixel: tuple[int, int, int, int],
+    own: tuple[Number, Number, Number],
+    window: NDArray,
     seen: tuple[Number, Number, Number],
-) -> Number:  # fmt: skip
+) -> Number:
     """What a plane costs in one source: 1 − NCC, colours and depth apart; negative where it lies outside its frame, or
     where the source knows nothing.
 
     Args:
-        grey, colours, inverse: of the source: (h·w,), (h·w·3,), (h·w,) inverse depths, negative where it knows nothing.
-        A, b: a pixel p = (x, y, 1) of inverse depth w lies at A·p + w·b.
+        photos, source: the photo beside its sources, and which of these.
         plane: at the pixel.
         pixel: x, y, width, height.
         own: its colour.
         window: of `_window`, with what that says in `seen`: total, mean, variance.
     """
+    grey, colours, inverse = photos.grey[source + 1], photos.colours[source + 1], photos.inverse[source + 1]
+    A, b = photos.A[source], photos.b[source]
     w, right, below = plane
     x, y, width, height = pixel
     total, mean, variance = seen
@@ -187,16 +211,12 @@ def _source_cost(
 
 @compiled
 def search(
-    grey: NDArray, colours: NDArray, inverse: NDArray, A: NDArray, b: NDArray, planes: NDArray, first: NDArray,
-    candidates: NDArray, low: Number, high: Number, spent: NDArray,
-) -> None:  # fmt: skip
+    photos: Compared, planes: NDArray, first: NDArray, candidates: NDArray, low: Number, high: Number, spent: NDArray
+) -> None:
     """Every pixel of a photo keeps the cheapest of its planes: every other one first, then those between.
 
     Args:
-        grey: (1 + S, h·w) float32 of the photo and its S sources.
-        colours: (1 + S, h·w·3) likewise, in one exposure.
-        inverse: (1 + S, h·w) inverse depths as the sources' maps have them; the first row is not read.
-        A, b: (S, 3, 3) and (S, 3) float32, see `_source_cost`.
+        photos: the photo beside its sources.
         planes: (3, h, w) float32, changed.
         first: (h, w) what the network found.
         candidates: (C, h, w) inverse depths to try, 0 where there are none; of none at all, the planes of neighbours
@@ -205,18 +225,19 @@ def search(
         spent: (h, w), set to what each pixel's plane costs.
     """
     _, height, width = planes.shape
-    sources, forward = len(A), len(candidates)
+    grey, colours = photos.grey[0], photos.colours[0]
+    sources, forward = len(photos.A), len(candidates)
     tries = 1 + 4 + forward + STEPS if forward else 1
     window, costs = np.empty((2, _TAPS), _F), np.empty(max(sources, 1), _F)
     for red in range(2):
         for y in range(height):
             for x in range((y + red) % 2, width, 2):
                 here = y * width + x
-                total, mean, variance = _window(grey[0], colours[0], x, y, width, height, window)
+                total, mean, variance = _window(grey, colours, x, y, width, height, window)
                 pull = _PULL * (_LEAST_PULL + _NOISE / (variance + _NOISE))
                 w, right, below = planes[0, y, x], planes[1, y, x], planes[2, y, x]
-                px = _parallax(A, b, _F(x) + _HALF, _F(y) + _HALF, w)
-                own = colours[0, here * 3], colours[0, here * 3 + 1], colours[0, here * 3 + 2]
+                px = _parallax(photos.A, photos.b, _F(x) + _HALF, _F(y) + _HALF, w)
+                own = colours[here * 3], colours[here * 3 + 1], colours[here * 3 + 2]
                 best, best_right, best_below, least = w, right, below, _FAR
                 for h in range(tries):
                     if h == 0:
@@ -242,16 +263,14 @@ def search(
                         slope = (slope_x + planes[1, y + dy, x + dx]) * _F(dx)
                         slope += (slope_y + planes[2, y + dy, x + dx]) * _F(dy)
                         jump = abs(at + _HALF * slope - planes[0, y + dy, x + dx]) * px
-                        alike = math.exp(-_unlike(colours[0], here, here + dy * width + dx) * _SMOOTH_COLOUR)
+                        alike = math.exp(-_unlike(colours, here, here + dy * width + dx) * _SMOOTH_COLOUR)
                         cost += _SMOOTH * alike * min(jump, _SMOOTH_PX)
                     if cost >= least:
                         continue
                     seen = 0
                     for s in range(sources):
-                        its = _source_cost(
-                            grey[s + 1], colours[s + 1], inverse[s + 1], A[s], b[s], (at, slope_x, slope_y),
-                            (x, y, width, height), own, window, (total, mean, variance),
-                        )  # fmt: skip
+                        plane, pixel = (at, slope_x, slope_y), (x, y, width, height)
+                        its = _source_cost(photos, s, plane, pixel, own, window, (total, mean, variance))
                         if its < 0:
                             continue
                         place = seen
