@@ -245,9 +245,19 @@ def _is_panorama(paths: Sequence[Path], args: Namespace) -> bool:
         )
     if args.panorama or said:
         return True
+    if all(_is_twice_as_wide(path) for path in paths):
+        print(printable(f"{paths[0]}: twice as wide as high; if that is 360°, --360 says so"), file=sys.stderr)
     if args.without:
         raise InputError("given with pictures that do not say that they are 360°; --360 does", where="--without")
     return False
+
+
+def _is_twice_as_wide(path: Path) -> bool:
+    if path.suffix.lower() in VIDEOS:
+        video = open_video(path)
+        return video.width == 2 * video.height
+    height, width = image_size(path)
+    return width == 2 * height
 
 
 def _of_panoramas(

@@ -20,7 +20,7 @@ from ..system.evenly import evenly
 
 JUDGES, SURE = 8, 2
 """Photos with a background, spread over all, in which every Gaussian's place is looked up, and how many of them have to
-say that nothing is there: masks are not always right."""
+say that nothing is there, and no fewer than say otherwise: masks are not always right."""
 
 LEAST_SHOWN = 1 / 255
 """Opacity below which nothing shows."""
@@ -61,7 +61,7 @@ def _is_nothing(
 ) -> NDArray:
     """Of a view's Gaussians, `which` (H, W) has n, whether (n,) enough other photos show background at their places."""
     means = layer.means[view][which].astype(np.float64) + layer.origin
-    votes = np.zeros(len(means), int)
+    votes, voters = np.zeros(len(means), int), np.zeros(len(means), int)
     for other, place in empty.items():
         camera = cameras[other]
         x, y, z = ((means - camera.centre) @ (camera.K @ camera.rotation).T).T
@@ -70,7 +70,8 @@ def _is_nothing(
         inside = (z > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
         row, column = (np.where(inside, at, 0).astype(int) for at in (row, column))
         votes += inside & place[row, column]
-    return votes >= max(min(SURE, len(empty)), 1)
+        voters += inside
+    return (votes >= max(min(SURE, len(empty)), 1)) & (2 * votes >= voters)
 
 
 def _seen_by(camera: Camera, photo: Camera, known: NDArray) -> NDArray:
