@@ -9,10 +9,11 @@ import threading
 import time
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from scenes import tells
 
-from tinysplat_runtime.system.progress import progress, still_there, working
+from tinysplat_runtime.system.progress import Pace, progress, still_there, working
 
 
 class Terminal(io.StringIO):
@@ -88,3 +89,45 @@ def test_all_items_come_beside_a_bar(said: Callable[[bool], io.StringIO], monkey
     said(terminal=True)
     monkeypatch.setitem(sys.modules, "tqdm", tqdm)
     assert list(progress(range(3), 3, "render", quiet=False)) == [0, 1, 2]
+
+
+def alike(rng: np.random.Generator, count: int) -> np.ndarray:
+    return np.full(count, 3.0)
+
+
+def uneven(rng: np.random.Generator, count: int) -> np.ndarray:
+    return np.exp(rng.normal(0, 0.4, count))
+
+
+def compiling(rng: np.random.Generator, count: int) -> np.ndarray:
+    """The first takes as long as six."""
+    return np.where(np.arange(count) == 0, 6.0, rng.uniform(0.8, 1.2, count))
+
+
+def busier(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Another job begins after a third of the way."""
+    return np.where(np.arange(count) * 3 < count, 1.0, 1.5)
+
+
+def quieter(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Other jobs end one by one."""
+    return np.linspace(1.6, 1.0, count)
+
+
+@pytest.mark.parametrize("count", [12, 24, 200])
+@pytest.mark.parametrize("kind", [alike, uneven, compiling, busier, quieter])
+def test_what_is_announced_is_what_it_takes(kind: Callable, count: int) -> None:
+    """Within a factor of 1.5 from the second tenth of the way on, by a clock of our own."""
+    taken = kind(np.random.default_rng(count), count)
+    now = [0.0]
+    pace = Pace(count, lambda: now[0])
+    assert pace.left is None
+    for number, seconds in enumerate(taken):
+        now[0] += seconds / 2
+        if number >= 0.2 * count:
+            announced = now[0] + pace.left
+            assert taken.sum() / 1.5 <= announced <= 1.5 * taken.sum()
+        now[0] += seconds / 2
+        pace.next()
+    assert pace.left == 0
+    assert Pace(None).left is None

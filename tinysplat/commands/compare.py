@@ -10,6 +10,7 @@ from tinysplat.measure.show.sheets import Sheet, gaussian_sheet, picture_sheet, 
 from tinysplat.measure.show.tables import format_table, number
 from tinysplat_runtime.api import load_gaussians
 from tinysplat_runtime.cli.arguments import size
+from tinysplat_runtime.cli.files import Voice
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import endings
@@ -17,6 +18,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_cameras
 from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.told import Told
 
 HELP = "two results side by side, with maps of their error"
 NEEDS = ("matplotlib", "PIL")
@@ -40,7 +42,7 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Write the sheet and `comparison.json`, print the figures."""
-    sheet = _sheet(Path(args.a), Path(args.b), args.cameras, args.size)
+    sheet = _sheet(Path(args.a), Path(args.b), args.cameras, args.size, Voice("", args.quiet))
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder", where=str(folder))
@@ -54,14 +56,14 @@ def run(args: Namespace) -> None:
         print(f"\n{len(paths)} picture{'s' * (len(paths) != 1)} in {folder}")
 
 
-def _sheet(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None) -> Sheet:
+def _sheet(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None, told: Told) -> Sheet:
     kinds = [_kind(path) for path in (a, b)]
     if kinds[0] != kinds[1]:
         raise InputError(f"a {kinds[1]}, but {a} is a {kinds[0]}; expected two of a kind", where=str(b))
     if kinds[0] == "picture":
         return picture_sheet(a, b)
     gaussians = (load_gaussians(a), load_gaussians(b))
-    return gaussian_sheet(gaussians, (a.name, b.name), _cameras(cameras, gaussians), size)
+    return gaussian_sheet(gaussians, (a.name, b.name), _cameras(cameras, gaussians), size, told)
 
 
 def _kind(path: Path) -> str:

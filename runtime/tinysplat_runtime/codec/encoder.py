@@ -20,6 +20,7 @@ from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from ..system import disk
+from ..system.told import Told
 from .analysis import MAX_PLANE, project_layer
 from .hevc import CodedPlane, encode_plane
 from .job import EncodeStats, Job, PlaneCoder, check_qp
@@ -86,7 +87,7 @@ class SceneEncoder:
     def _file(self, planned: Callable[[Callable[[Channel], object]], Sequence[LayerPlan]], qp: float) -> bytes:
         job = self.job
         job.stats.clipped.clear()
-        with _Coding(self._coder, job.threads, job.stats) as coding:
+        with _Coding(self._coder, job.threads, job.stats, job.told) as coding:
             pairs = list(zip(job.gaussians.layers, planned(coding.begin), strict=True))
             for _, plan in pairs:
                 for channel in plan.channels:
@@ -163,8 +164,8 @@ _Jobs: TypeAlias = list[Future[tuple[CodedPlane, int]]]
 class _Coding:
     """Channels on their way through the coder, several planes at a time; to be used in a `with` statement."""
 
-    def __init__(self, coder: _OnceEach, threads: int, stats: EncodeStats) -> None:
-        self._coder, self._stats = coder, stats
+    def __init__(self, coder: _OnceEach, threads: int, stats: EncodeStats, told: Told) -> None:
+        self._coder, self._stats, self._told = coder, stats, told
         self._pool = ThreadPoolExecutor(max_workers=threads)
         self._begun: dict[int, tuple[MappedChannel, _Jobs]] = {}
 
@@ -202,6 +203,9 @@ class _Coding:
                 depth = [future.result()[0] for future in jobs[0][1]]
                 refinement = _refine(jobs[0][0], depth, plan.refine_depth, self._pool)
                 jobs.insert(1, (refinement, self._submit(refinement)))
+            every = [future for _, futures in jobs for future in futures]
+            for future in self._told.progress("planes", every):
+                future.result()
             planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
         channels = []
         for mapped, coded in planes:

@@ -15,6 +15,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import PlaneClass
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
+from ..system.told import NOBODY, Told
 from .profiles import EncoderSettings, Profile
 
 if TYPE_CHECKING:  # who decodes loads no more than it needs
@@ -103,6 +104,7 @@ class Job:
         drop_invalid: make Gaussians at or behind their own camera transparent in place of refusing them.
         photos: what a network made the Gaussians of, for the modes that carry it.
         plane_coder: what codes a plane; None for `hevc.encode_plane`.
+        told: who is told how many planes are coded.
     """
 
     gaussians: Gaussians
@@ -114,3 +116,4 @@ class Job:
     drop_invalid: bool = False
     photos: PhotoScene | None = None
     plane_coder: PlaneCoder | None = None
+    told: Told = NOBODY

@@ -133,7 +133,9 @@ class PruningEncoder(Coder):
     def _block(self, gaussians: Gaussians, views: Views, coder: ListEncoder) -> _Block:
         remover = None
         if views.deciding and not self._is_late():
-            remover = Remover(gaussians, views.deciding, Crew(self._threads).map, views.judging, self._is_late)
+            remover = Remover(
+                gaussians, views.deciding, Crew(self._threads).map, views.judging, self._is_late, self._told
+            )
         return _Block(gaussians, coder, remover)
 
     def code(self, qp: float) -> bytes:

@@ -8,7 +8,7 @@ least squares (`Remover.recoloured`), all else by gradient (`correction`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
 from ..system import disk
 from ..system.decibels import decibels
+from ..system.told import NOBODY, Told
 from . import kernels
 from .correction import corrected
 from .merging import merged
@@ -117,6 +118,7 @@ class Remover:
         run_jobs: Callable,
         judging: Sequence[Camera] = (),
         is_late: Callable[[], bool] = lambda: False,
+        told: Told = NOBODY,
     ) -> None:
         """Take (N,) Gaussians.
 
@@ -127,8 +129,9 @@ class Remover:
             judging: cameras of other views; every third says whether to merge and to correct, the others what the
                 result is worth. Without any, those that decide do both.
             is_late: whether time is up: no more is then looked for that could go, nor merged or corrected.
+            told: who is told how many are left, round by round.
         """
-        self._all, self._run, self._is_late = gaussians, run_jobs, is_late
+        self._all, self._run, self._is_late, self._told = gaussians, run_jobs, is_late, told
         self._pictures = Pictures(cameras, run_jobs)
         choosing, telling = judging[::3], [one for number, one in enumerate(judging) if number % 3]
         self._judges = self._kept(choosing) if choosing else self._pictures
@@ -176,16 +179,19 @@ class Remover:
             worth: of a Gaussian.
             penalties: what a unit of squared SH coefficients of degree 1, 2, … costs; none where they may stay.
         """
-        while (cheap := self._costs.sum(axis=1) < worth).mean() > FEW and self._present.size > 1:
-            if self._is_late():
-                cheap[:] = False
-                break
-            self._go_on()
-        keep = self._prices >= worth
-        keep[self._present[cheap]] = False
+        for _ in self._told.progress("pruning", self._ranked(worth), lambda: f"{self._present.size:,} are left"):
+            pass
+        cheap, keep = self._costs.sum(axis=1) < worth, self._prices >= worth
+        keep[self._present[cheap]] = cheap.mean() > FEW and self._present.size > 1  # time was up
         if not keep.any():
             keep[self._present[-1]] = True
         return self._without(np.flatnonzero(keep), penalties)
+
+    def _ranked(self, worth: float) -> Iterator[None]:
+        """Rank on until hardly any that are left cost less than `worth`, or time is up."""
+        while (self._costs.sum(axis=1) < worth).mean() > FEW and self._present.size > 1 and not self._is_late():
+            self._go_on()
+            yield
 
     def prune_to(self, count: int) -> Pruned:
         """Leave out all but `count`."""

@@ -93,7 +93,7 @@ def encode(
     if refinement:
         gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
     told.say("step", "coding")
-    data = _coded(gaussians, request, scene, tools, stats)
+    data = _coded(gaussians, request, scene, tools, stats, told)
     kept, done = gaussians if keep else None, refined if refinement else None
     return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, doubted)
 
@@ -103,7 +103,7 @@ def _list_coded(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeS
     gaussians, scene, doubted = listed(request, tools, told, stats=stats)
     told.say("step", "coding")
     coding = request if request.rates else replace(request, qp=LIST_QP)
-    data = code(gaussians, coding, tools, pruning=Pruning(told=told), stats=stats)
+    data = code(gaussians, coding, tools, stats=stats, told=told)
     return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, None, scene, doubted)
 
 
@@ -193,8 +193,8 @@ def compress(
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
         gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refined)
     told.say("step", "coding")
-    pruning = Pruning(request.keep_all, request.seconds or math.inf, told)
-    data = code(gaussians, request, tools, pruning=pruning, stats=stats)
+    pruning = Pruning(request.keep_all, request.seconds or math.inf)
+    data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)
     return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, refined if request.refine else None)
 
 
@@ -220,13 +220,15 @@ def encode_predicted(
     """The last step alone, of a scene that Gaussians were predicted of as it stands; see `encode`."""
     from .prepare import named_scene
 
-    return _coded(gaussians, request, named_scene(request), tools, stats or EncodeStats())
+    return _coded(gaussians, request, named_scene(request), tools, stats or EncodeStats(), NOBODY)
 
 
-def _coded(gaussians: Gaussians, request: EncodeRequest, scene: Scene, tools: Tools, stats: EncodeStats) -> bytes:
+def _coded(
+    gaussians: Gaussians, request: EncodeRequest, scene: Scene, tools: Tools, stats: EncodeStats, told: Told
+) -> bytes:
     """The file of what a network made of a scene, or where that is asked for, of its photos."""
     if request.mode == DEFAULT_MODE:
-        return code(gaussians, request, tools, stats=stats)
+        return code(gaussians, request, tools, stats=stats, told=told)
     photos = PhotoScene.of(scene, request.model, tools.store)
     return code_photos(gaussians, request, photos, tools, stats=stats)
 

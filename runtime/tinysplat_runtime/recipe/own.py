@@ -21,6 +21,7 @@ from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..system.evenly import evenly
+from ..system.told import NOBODY, Told
 from .prepare import ALL_VIEWS
 from .stages import Tools
 
@@ -58,12 +59,13 @@ class Look:
     psnr: float
 
 
-def compared(data: bytes, scene: Scene, tools: Tools, model: str) -> Look:
+def compared(data: bytes, scene: Scene, tools: Tools, model: str, told: Told = NOBODY) -> Look:
     """A file beside the photos that it was made of; `model` is the network of files that hold photos."""
     count, is_list = len(scene.frames), isinstance(read_container(data, tools.limits).body, List)
     near, seen = near_of(data, 2 if is_list else count, tools, model), scene.views(looked_at(count))
     some = near(seen.cameras[0])
-    psnr = own_psnr(near, seen.cameras, seen.images(judged=True), tools.threads)
+    cameras, images = seen.cameras, seen.images(judged=True)
+    psnr = own_psnr(near, cameras, images, tools.threads, told)
     return Look(some.count if is_list else some.count // len(some.cameras) * count, psnr)
 
 
@@ -93,7 +95,7 @@ def near_of(data: bytes, photos: int, tools: Tools, model: str) -> Near:
     return lambda camera: file.near(camera, DRAWN_FROM)
 
 
-def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: int | None) -> float:
+def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: int | None, told: Told = NOBODY) -> float:
     """PSNR in dB of a scene's render at its own views to photos (V, H, W, 3), the mean over the views.
 
     Args:
@@ -101,6 +103,7 @@ def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: in
         cameras: of the photos.
         images: the photos, NaN where they do not count.
         threads: see `Renderer`.
+        told: who is told how many photos are compared.
     """
     height, width = images.shape[1:3]
     rows = min(max(OWN_PIXELS // width, 1), height)
@@ -116,7 +119,7 @@ def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: in
         part = near(camera) if rows == height else _about(near(camera), band)
         return Renderer(part, threads=threads, compiled=False, keep=False).render(band)
 
-    return mean_decibels(map(drawn, cameras), images[:, first : first + rows])
+    return mean_decibels(map(drawn, told.progress("comparing", cameras)), images[:, first : first + rows])
 
 
 def _rows_of(camera: Camera, rows: slice) -> Camera:

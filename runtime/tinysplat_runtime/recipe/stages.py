@@ -106,12 +106,10 @@ class Pruning:
     Attributes:
         keep_all: all that show at all are kept, in place of those alone that are worth their bytes.
         seconds: after which no more is looked for that could go.
-        told: who is told how far that is.
     """
 
     keep_all: bool = False
     seconds: float = math.inf
-    told: Told = NOBODY
 
 
 def code(
@@ -121,6 +119,7 @@ def code(
     *,
     pruning: Pruning | None = None,
     stats: EncodeStats | None = None,
+    told: Told = NOBODY,
 ) -> bytes:
     """Gaussians as a `.tsplat` file's bytes.
 
@@ -130,12 +129,13 @@ def code(
         tools: to do it with.
         pruning: of a list; None for the usual.
         stats: filled with what was measured.
+        told: who is told how far that is.
 
     Raises:
         FormatError, InputError, NumericError: as `Runtime.compress`.
     """
     profile, qp, own = coding.planes, coding.step_qp, stats or EncodeStats()
-    job = Job(gaussians, profile, qp, tools.store, tools.threads, own, coding.drop_invalid)
+    job = Job(gaussians, profile, qp, tools.store, tools.threads, own, coding.drop_invalid, told=told)
     like = coding.example()
     if like is None and not coding.lossless and not gaussians.is_per_pixel:
         return _code_list(job, coding, tools.limits, pruning or Pruning(), is_measured=stats is not None)
@@ -190,7 +190,7 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
             threads=job.threads,
             stats=job.stats,
             seconds=pruning.seconds,
-            told=pruning.told,
+            told=job.told,
         )
     warn(f"all Gaussians are kept: {views.doubt}")
     if not job.gaussians.viewpoints:

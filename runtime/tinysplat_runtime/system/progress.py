@@ -7,6 +7,8 @@ long whatever it does (`still_there`).
 from __future__ import annotations
 
 import contextlib
+import itertools
+import statistics
 import sys
 import threading
 import time
@@ -21,6 +23,9 @@ LOG_EVERY_S = 50.0
 """Seconds between lines where standard error is no terminal."""
 
 TERMINAL_EVERY_S = 1.0
+
+LATEST, LEAST_LEFT_S = 5, 2.0
+"""Items at least that tell what the next will take; and seconds left that are worth saying."""
 
 _speaking: list[object] = []
 """Who may speak, outermost first: the process has one standard error."""
@@ -57,11 +62,49 @@ def progress(
                 bar.update()
                 bar.set_postfix_str(printable(note()), refresh=False)
         return
-    done, of = 0, "" if total is None else f"/{total}"
-    with working(label, quiet=quiet, note=lambda: f"{done}{of} {note()}"):
+    pace, of = Pace(total), "" if total is None else f"/{total}"
+    with working(label, quiet=quiet, note=lambda: f"{pace.done}{of}{pace.text} {note()}"):
         for item in items:
             yield item
-            done += 1
+            pace.next()
+
+
+class Pace:
+    """How long a step still takes, by what its items took.
+
+    What most of the latest took is what the next will take: the first one of all often loads or compiles something.
+
+    Attributes:
+        done: how many items are.
+    """
+
+    def __init__(self, total: int | None, clock: Callable[[], float] = time.monotonic) -> None:
+        """`total` is how many items there are; None where nobody knows. `clock` gives seconds."""
+        self.done, self._total, self._clock = 0, total, clock
+        self._ends = [clock()]
+
+    def next(self) -> None:
+        """Another item is done."""
+        self.done += 1
+        self._ends.append(self._clock())
+
+    @property
+    def left(self) -> float | None:
+        """Seconds; None before the first item is done, and where nobody knows how many there are."""
+        if self._total is None or not self.done:
+            return None
+        latest = -max(LATEST, self.done // 2) - 1
+        ends = self._ends[latest:]
+        each = statistics.median(end - start for start, end in itertools.pairwise(ends))
+        return max(each * (self._total - self.done) - (self._clock() - ends[-1]), 0.0)
+
+    @property
+    def text(self) -> str:
+        """For people, such as ` about 40 s left`; empty where nobody knows, or it is hardly worth saying."""
+        left = self.left
+        if left is None or left < LEAST_LEFT_S:
+            return ""
+        return f" about {left:.0f} s left" if left < 100 else f" about {left / 60:.0f} min left"
 
 
 @contextlib.contextmanager

@@ -20,6 +20,7 @@ from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.system.decibels import CEILING
 from tinysplat_runtime.system.files import atomic_path
 from tinysplat_runtime.system.jsonfields import JsonObject
+from tinysplat_runtime.system.told import NOBODY, Told
 
 from ..metrics import psnr, ssim
 
@@ -76,14 +77,19 @@ def picture_sheet(a: Path, b: Path) -> Sheet:
 
 
 def gaussian_sheet(
-    pair: tuple[Gaussians, Gaussians], names: tuple[str, str], cameras: Sequence[Camera], size: tuple[int, int] | None
+    pair: tuple[Gaussians, Gaussians],
+    names: tuple[str, str],
+    cameras: Sequence[Camera],
+    size: tuple[int, int] | None,
+    told: Told = NOBODY,
 ) -> Sheet:
-    """Two sets of Gaussians from the same cameras: each of them, and midway between neighbours."""
+    """Two sets of Gaussians from the same cameras: each of them, and midway between neighbours; `told` counts them."""
     views = len(cameras)
     path = between(cameras, 2 * views - 1)
     labels = [f"view {i // 2}" if i % 2 == 0 else f"between {i // 2} and {i // 2 + 1}" for i in range(len(path))]
-    images = [[renderer.render(camera, size) for camera in path] for renderer in map(Renderer, pair)]
-    rows = tuple(SheetPicture(*row) for row in zip(labels, *images, strict=True))
+    renderers = [Renderer(one) for one in pair]
+    images = [[of.render(camera, size) for of in renderers] for camera in told.progress("drawing", path)]
+    rows = tuple(SheetPicture(label, *both) for label, both in zip(labels, images, strict=True))
     return Sheet("comparison", f"A: {names[0]}   B: {names[1]}", rows)
 
 
