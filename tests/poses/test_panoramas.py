@@ -146,8 +146,12 @@ def test_parts_that_there_are_not_are_refused(tmp_path: Path, words: str) -> Non
 
 def write_photos(folder: Path, pictures: list[NDArray]) -> Path:
     (folder / "photos").mkdir()
+    ahead = np.full((HEIGHT, 2 * HEIGHT), 255, np.uint8)
+    ahead[:, HEIGHT // 4 : HEIGHT // 2 - 10] = 0  # within what shows to the left
+    (folder / "masks").mkdir()
     for i, picture in enumerate(pictures):
         write_png(folder / f"photos/{i}.png", picture)
+        write_png(folder / f"masks/{i}.png", ahead)
     return folder / "photos"
 
 
@@ -172,6 +176,7 @@ def test_places_are_found_within_a_hundredth(
     faces = {name: [frame for frame in scene.frames if frame.path.name.startswith(name)] for name in FACES}
     back = faces["back"][0].known()
     assert back is not None and not back[:, back.shape[1] // 2].any() and faces["front"][0].known() is None
+    assert (faces["left"][0].known() is None) == (written is write_clip)
     found = np.stack([frame.camera.centre for frame in faces["front"]])
     truth = np.stack([centre for centre, _ in way()])
     turn = way()[0][1] @ faces["front"][0].camera.rotation

@@ -126,7 +126,9 @@ class Content:
         """Of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
         data, views = _file(file)
         cameras = load_cameras(cameras_file) if cameras_file and not views else []
-        photos = _photos(load_scene(photos_of), views or cameras) if photos_of and (views or cameras) else {}
+        photos = {}
+        if photos_of and (views or cameras):
+            photos = _photos(load_scene(photos_of).with_masks(None), views or cameras)  # as they were taken
         first = front_view(views or cameras)
         poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views), background)
         title = printable(Path(file).stem)
