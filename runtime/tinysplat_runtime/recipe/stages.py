@@ -95,7 +95,7 @@ def sparse(
     found = trained(
         gaussians, targets, count=count, steps=steps, seconds=seconds, threads=tools.threads, stats=stats, told=told
     )
-    told.say("doubt" if stats.is_cut_short else "notice", stats.text)
+    told.say("doubt" if stats.is_cut_short or stats.left_out else "notice", stats.text)
     return found
 
 

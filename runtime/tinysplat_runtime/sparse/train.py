@@ -24,10 +24,14 @@ from ..refine.free import FreeGaussians
 from ..render import DEFINITION, Renderer
 from ..render.gradient import Target
 from ..scene.cameras import Camera
+from ..system.decibels import decibels
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
 from . import DEFAULT_GAUSSIANS, DEFAULT_SECONDS, LEAST_STEPS, STEPS_A_PHOTO, start
 from .settings import Settings
+
+STRANGE, STRANGER = 7.0, 16.0
+"""A photo so many dB below the median, and below so many, is left out."""
 
 
 @dataclass
@@ -40,6 +44,7 @@ class TrainStats:
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
         psnr: dB of each photo at the end, as it was exposed.
         gains: of the photos.
+        left_out: photos that the others contradict, from which on nothing was learnt.
     """
 
     given: int = 0
@@ -49,6 +54,7 @@ class TrainStats:
     rounds: list[list[float]] = field(default_factory=list)
     psnr: tuple[float, ...] = ()
     gains: tuple[float, ...] = ()
+    left_out: tuple[int, ...] = ()
 
     def note(self) -> str:
         """How things stand, in few words."""
@@ -64,7 +70,9 @@ class TrainStats:
         """In a line."""
         found = f"{self.given:,} Gaussians made {self.kept:,} in {self.steps} steps"
         bound = f" of {self.planned}, as there were no more seconds" if self.is_cut_short else ""
-        return f"{found}{bound}: {np.mean(self.psnr):.1f} dB at the pictures they were corrected by"
+        out = f"; left out {', '.join(map(str, self.left_out))}, which the others contradict" if self.left_out else ""
+        own = np.mean([psnr for view, psnr in enumerate(self.psnr) if view not in self.left_out])
+        return f"{found}{bound}: {own:.1f} dB at the pictures they were corrected by{out}"
 
 
 def trained(
@@ -152,7 +160,7 @@ class _Training:
         halves = [halved_target(target) for target in targets]
         quarters = [halved_target(half) for half in halves]
         self._sizes = {4: quarters, 2: halves, 1: list(targets)}
-        self._gains = np.ones(len(targets))
+        self._gains, self._out = np.ones(len(targets)), frozenset[int]()
         self._rng = np.random.default_rng(0)
         begun = start.first(
             capture,
@@ -177,7 +185,7 @@ class _Training:
                 self._look(way)
                 looks += 1
             if not turns:
-                turns = self._rng.permutation(len(self._gains)).tolist()
+                turns = [view for view in self._rng.permutation(len(self._gains)).tolist() if view not in self._out]
                 stats.rounds.append([])
                 steps = max(budget.left(stats.steps), 1) if stats.steps else steps
             stats.rounds[-1].append(self._step(turns.pop(), way))
@@ -190,7 +198,7 @@ class _Training:
         gaussians, stats = self._descent.field.gaussians(), self._stats
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
         stats.kept, stats.psnr = gaussians.count, tuple(error.psnr for error in errors)
-        stats.gains = tuple(self._gains.tolist())
+        stats.gains, stats.left_out = tuple(self._gains.tolist()), tuple(sorted(self._out))
         return replace(gaussians, viewpoints=self._capture.cameras)
 
     def _step(self, view: int, way: float) -> float:
@@ -213,6 +221,8 @@ class _Training:
         draw = Renderer(gaussians, self._threads, **DEFINITION).render
         pictures = [draw(target.camera) for target in self._sizes[1]]
         self._gains = _gains(pictures, [target.photo for target in self._sizes[1]], settings.exposure)
+        if way >= settings.judged:
+            self._out = _strangers([self._psnr(view, picture) for view, picture in enumerate(pictures)])
         share = settings.start + (1 - settings.start) * min(way / settings.grown, 1)
         lacking = round(self._count * share) - field.count
         if lacking <= 0:
@@ -229,9 +239,16 @@ class _Training:
         self._descent.add(self._field(new.changed(**joined([gaussians, new]))))
 
     def _wrong(self, view: int, picture: NDArray) -> NDArray:
-        """(H, W): |error| of a photo's picture, smoothed; 0 where it knows nothing."""
+        """(H, W): |error| of a photo's picture, smoothed; 0 where it knows nothing or nothing is learnt from it."""
         target = self._exposed(view, 1)
+        if view in self._out:
+            return np.zeros(picture.shape[:2], np.float32)
         return start.smoothed(np.nan_to_num(np.abs(np.float32(target.gain) * picture - target.photo).sum(axis=-1)))
+
+    def _psnr(self, view: int, picture: NDArray) -> float:
+        target = self._exposed(view, 1)
+        squares = np.square(np.float32(target.gain) * picture - target.photo)
+        return decibels(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.nan
 
     def _drop(self) -> None:
         keep = self._descent.field.opacities >= self._settings.faded
@@ -244,6 +261,12 @@ class _Training:
     @property
     def _cameras(self) -> Sequence[Camera]:
         return [target.camera for target in self._sizes[1]]
+
+
+def _strangers(psnr: Sequence[float]) -> frozenset[int]:
+    """Photos that a scene which the others agree on does not show: of another place, or with another's camera."""
+    usual = float(np.nanmedian(psnr))
+    return frozenset(view for view, own in enumerate(psnr) if own < min(usual - STRANGE, STRANGER))
 
 
 def _gains(pictures: Sequence[NDArray], photos: Sequence[NDArray], certain: float) -> NDArray:
