@@ -8,9 +8,11 @@ again, and what is touched next comes back from the system's cache of files, whi
 
 from __future__ import annotations
 
+import ctypes
 import math
 import mmap
 import os
+import sys
 import tempfile
 import threading
 import weakref
@@ -98,8 +100,13 @@ _HELD = _Held()
 
 
 def let_go() -> None:
-    """Give memory back that holds such arrays, until they are touched again: after a part of the work."""
+    """Give memory back after a part of the work: what holds such arrays, until they are touched again, and what others
+    left behind, of which the C library keeps pieces.
+    """
     _HELD.let_go()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None  # glibc's alone
+    if trim is not None:
+        trim(0)
 
 
 def _mapped_bytes(status: FileIO) -> int:
