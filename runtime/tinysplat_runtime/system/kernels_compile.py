@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache
 
 from . import progress
 
@@ -43,7 +45,30 @@ _register("numba:compile", _Aside())
 
 # A product and a sum may become one instruction; nothing else of "fast math" is safe with infinities about.
 OPTIONS: dict[str, Any] = {"nogil": True, "cache": bool(KEPT_IN), "error_model": "numpy", "fastmath": {"contract"}}
-compiled = njit(**OPTIONS)
+
+
+class _Cache(FunctionCache):
+    """Numba's, which before it looks at how old an index is fails on types that another version had elsewhere."""
+
+    def load_overload(self, signature: object, target: object) -> Any:
+        try:
+            return super().load_overload(signature, target)  # type: ignore[no-untyped-call]
+        except (AttributeError, ImportError):
+            self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+
+def _kept(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(**options)(function)
+        if KEPT_IN:
+            dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        return dispatcher
+
+    return decorate
+
+
+compiled = _kept(**OPTIONS)
 
 # Sums over lanes may be vector sums, whose order the compiler fixes.
-summing = njit(**{**OPTIONS, "fastmath": {"contract", "reassoc"}})
+summing = _kept(**{**OPTIONS, "fastmath": {"contract", "reassoc"}})
