@@ -218,18 +218,14 @@ class _Training:
         if way > settings.grown + 1e-9:
             return
         gaussians = field.gaussians()
-        draw = Renderer(gaussians, self._threads, **DEFINITION).render
-        pictures = [draw(target.camera) for target in self._sizes[1]]
-        self._gains = _gains(pictures, [target.photo for target in self._sizes[1]], settings.exposure)
-        if way >= settings.judged:
-            self._out = _strangers([self._psnr(view, picture) for view, picture in enumerate(pictures)])
+        wrong = self._seen(gaussians, way)
         share = settings.start + (1 - settings.start) * min(way / settings.grown, 1)
         lacking = round(self._count * share) - field.count
         if lacking <= 0:
             return
         new = start.further(
             self._capture,
-            [self._wrong(view, picture) for view, picture in enumerate(pictures)],
+            wrong,
             lacking,
             self._rng,
             functions=settings.functions,
@@ -238,17 +234,26 @@ class _Training:
         )
         self._descent.add(self._field(new.changed(**joined([gaussians, new]))))
 
-    def _wrong(self, view: int, picture: NDArray) -> NDArray:
-        """(H, W): |error| of a photo's picture, smoothed; 0 where it knows nothing or nothing is learnt from it."""
-        target = self._exposed(view, 1)
-        if view in self._out:
-            return np.zeros(picture.shape[:2], np.float32)
-        return start.smoothed(np.nan_to_num(np.abs(np.float32(target.gain) * picture - target.photo).sum(axis=-1)))
+    def _seen(self, gaussians: Gaussians, way: float) -> list[NDArray]:
+        """Draw every photo once, to see how each was exposed and which do not belong.
 
-    def _psnr(self, view: int, picture: NDArray) -> float:
-        target = self._exposed(view, 1)
-        squares = np.square(np.float32(target.gain) * picture - target.photo)
-        return decibels(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.nan
+        Returns:
+            By view, (H, W) |error|, smoothed; 0 where a photo knows nothing, or where nothing is learnt from it.
+        """
+        draw = Renderer(gaussians, self._threads, **DEFINITION).render
+        logs, squared, wrong = list[float](), list[float](), list[NDArray]()
+        for view in range(len(self._gains)):
+            target = self._exposed(view, 1)
+            picture = draw(target.camera)
+            known = np.isfinite(target.photo)
+            error = np.where(known, np.float32(target.gain) * picture - target.photo, np.float32(0))
+            logs.append(_log_gain(picture[known], target.photo[known]))
+            squared.append(float(np.square(error).sum(dtype=np.float64)) / max(np.count_nonzero(known), 1))
+            wrong.append(start.smoothed(np.abs(error).sum(axis=-1)))
+        self._gains = _gains(np.array(logs), self._settings.exposure)
+        if way >= self._settings.judged:
+            self._out = _strangers([decibels(one) for one in squared])
+        return [np.zeros_like(plane) if view in self._out else plane for view, plane in enumerate(wrong)]
 
     def _drop(self) -> None:
         keep = self._descent.field.opacities >= self._settings.faded
@@ -265,22 +270,22 @@ class _Training:
 
 def _strangers(psnr: Sequence[float]) -> frozenset[int]:
     """Photos that a scene which the others agree on does not show: of another place, or with another's camera."""
-    usual = float(np.nanmedian(psnr))
+    usual = float(np.median(psnr))
     return frozenset(view for view, own in enumerate(psnr) if own < min(usual - STRANGE, STRANGER))
 
 
-def _gains(pictures: Sequence[NDArray], photos: Sequence[NDArray], certain: float) -> NDArray:
-    """(V,) by which pictures are as bright as photos, their geometric mean 1.
+def _log_gain(picture: NDArray, photo: NDArray) -> float:
+    """By how much pixels (n,) of a photo are brighter than their picture's, by least squares; a tenth to ten times."""
+    seen, wanted = picture.astype(np.float64), photo.astype(np.float64)
+    return math.log(min(max(float(seen @ wanted) / max(float(seen @ seen), 1e-9), 0.1), 10.0))
 
-    Photos that nobody has seen have gains of their own, near 1. So only what surpasses `certain`, of a logarithm, is
-    taken from a photo; the rest stays in the scene.
+
+def _gains(logs: NDArray, certain: float) -> NDArray:
+    """(V,) gains of photos by the logarithms of what was measured, their geometric mean 1.
+
+    Photos that nobody has seen have gains of their own, near 1. So only what surpasses `certain` is taken from a photo;
+    the rest stays in the scene.
     """
-    logs = np.empty(len(photos))
-    for view, (picture, photo) in enumerate(zip(pictures, photos, strict=True)):
-        known = np.isfinite(photo)
-        seen, wanted = picture[known].astype(np.float64), photo[known].astype(np.float64)
-        squares = max(float(seen @ seen), 1e-9)
-        logs[view] = math.log(min(max(float(seen @ wanted) / squares, 0.1), 10.0))
-    logs -= np.median(logs)
-    logs = np.sign(logs) * np.maximum(np.abs(logs) - certain, 0)
-    return np.exp(logs - logs.mean())
+    apart = logs - np.median(logs)
+    apart = np.sign(apart) * np.maximum(np.abs(apart) - certain, 0)
+    return np.exp(apart - apart.mean())
