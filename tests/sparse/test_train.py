@@ -132,3 +132,18 @@ def test_what_cannot_be_trained_is_said(torn, change, options: dict, where: str)
     with pytest.raises(InputError) as caught:
         trained(*change(*torn), **options)
     assert caught.value.where == where
+
+
+def test_what_is_before_nothing_is_seen_through_not_black(torn) -> None:
+    capture, targets = wall(np.full(7, 3.0))
+    right = np.zeros((24, 32), np.float32)
+    right[:, 16:] = 1
+    black = [replace(one, photo=one.photo * (1 - right[..., None])) for one in targets]
+    masked = [replace(one, nothing=right) for one in black]
+    covered = {}
+    for name, given in (("black", black), ("nothing", masked)):
+        found = trained(capture, given, count=AT_MOST, steps=140, threads=2)
+        covered[name] = [
+            render(found, one.camera, **DEFINITION, outputs=("alpha",))["alpha"][:, 20:].mean() for one in targets
+        ]
+    assert np.mean(covered["nothing"]) < 0.8 * np.mean(covered["black"])

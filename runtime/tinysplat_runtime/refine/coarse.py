@@ -44,13 +44,14 @@ def halved_camera(camera: Camera) -> Camera:
 
 
 def halved_picture(picture: NDArray) -> NDArray:
-    """(H, W, 3) to half the size, float32."""
+    """(H, W, …) to half the size, float32."""
     return _pooled(picture, (picture.shape[0] // 2, picture.shape[1] // 2))
 
 
 def halved_target(target: Target) -> Target:
     """A photo of half the size."""
-    return replace(target, camera=halved_camera(target.camera), photo=halved_picture(target.photo))
+    smaller = replace(target, camera=halved_camera(target.camera), photo=halved_picture(target.photo))
+    return smaller if target.nothing is None else replace(smaller, nothing=halved_picture(target.nothing))
 
 
 def lacking_alike(targets: Sequence[Target], pictures: NDArray, moving: MovableGaussians) -> list[Target]:

@@ -136,7 +136,7 @@ class FreeGaussians:
         """
         view = View.of(target.camera, self._start.origin, NEAR_PLANE)
         visible = self._run(lambda piece: self._project(piece, view), self.pieces)
-        exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure)))
+        exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure, target.backdrop)))
         sought = Sought(target.photo, exposure, np.empty((0, 0, 0), np.float32))
         add_up = None if gradient is None else partial(self._add_up, visible, view, gradient)
         return self._comparer.compare(visible, view, sought, add_up)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
@@ -79,13 +80,15 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
 def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:
     """Photos of one size, of a capture on disk."""
     photos = disk.zeros((len(cameras), cameras[0].height, cameras[0].width, 3))
-    for photo, frame in zip(photos, frames, strict=True):
+    nothing: list[NDArray | None] = [None] * len(cameras)
+    for view, (photo, frame) in enumerate(zip(photos, frames, strict=True)):
         photo[:] = frame.image()
         if not np.isfinite(photo).all():
             raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
         if (known := frame.known()) is not None:
             photo[~known] = NOTHING if frame.is_on_background else np.nan
-    return [Target(camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
+            nothing[view] = (~known).astype(np.float32) if frame.is_on_background else None
+    return [Target(camera, photos[view], nothing=nothing[view]) for view, camera in enumerate(cameras)]
 
 
 def _is_as_large(frame: Frame, height: int, width: int) -> bool:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -46,18 +46,29 @@ is cut at 0.99 nothing changes."""
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A photo that is to be seen as gain · picture + offset, before a black background.
+    """A photo that is to be seen as gain · picture + offset, before a grey background.
 
     Attributes:
         camera: where it was taken.
         photo: (H, W, 3) float32 in [0, 1], of the camera's size; pixels whose red is NaN are left out.
         gain, offset: how it was exposed.
+        nothing: (H, W) float32 shares of pixels in which nothing is, and `photo` is black; None where all is something.
+        backdrop: how bright the background is; see `before`.
     """
 
     camera: Camera
     photo: NDArray
     gain: float = 1.0
     offset: float = 0.0
+    nothing: NDArray | None = None
+    backdrop: float = 0.0
+
+    def before(self, backdrop: float) -> Target:
+        """The photo with another background where nothing is; the same where all is something."""
+        if self.nothing is None or not backdrop:
+            return self
+        lit = np.float32(self.gain * backdrop + self.offset)
+        return replace(self, photo=self.photo + lit * self.nothing[..., None], backdrop=backdrop)
 
 
 @dataclass(frozen=True)

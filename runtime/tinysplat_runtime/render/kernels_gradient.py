@@ -65,14 +65,15 @@ _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 
 
 class Exposure(NamedTuple):
-    """Gain and offset that a picture is seen with, what a unit of the loss counts in gradients, and the share of
-    1 − SSIM in it, beside |error|; float32.
+    """Gain and offset that a picture is seen with, what a unit of the loss counts in gradients, the share of
+    1 − SSIM in it, beside |error|, and how bright it is behind all splats, 0 of pictures with a front; float32.
     """
 
     gain: np.float32
     offset: np.float32
     weight: np.float32
     structure: np.float32 = np.float32(0)
+    backdrop: np.float32 = np.float32(0)
 
 
 class Sought(NamedTuple):
@@ -205,7 +206,7 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
     colour, and what lies behind the first splat; of the picture in front, too, where there is one.
     """
     row, column, photo, shown = extent.row, extent.column, sought.photo, sought.shown
-    gain, offset, weight, structure = sought.exposure
+    gain, offset, weight, structure, backdrop = sought.exposure
     has_front, front = sought.has_front, int(_FRONT)
     terms = np.empty((3, TILE_HEIGHT // BLOCK, _BLOCKS, 3), np.float32)
     sums[ALIKE], sums[COMPARED] = _compare_blocks(state, sought, extent, terms)
@@ -221,9 +222,10 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
                     shown[row + line, column + lane, channel] = state[at + (1 + channel) * _STRIDE]
                 is_known &= abs(state[at]) <= sought.most_left
             through = abs(state[at + front]) if has_front else _ONE
+            lit = abs(state[at]) * backdrop
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
-                found, wanted = state[plane], photo[row + line, column + lane, channel]
+                found, wanted = state[plane] + lit, photo[row + line, column + lane, channel]
                 if not is_known:
                     state[plane] = state[plane + front] = _ZERO
                     continue
@@ -280,7 +282,8 @@ def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArr
                 for line in range(top, bottom):
                     start = line * ROW + (1 + channel) * _STRIDE
                     for lane in range(left, right):
-                        seen = gain * np.float64(state[start + lane]) + offset
+                        lit = abs(state[line * ROW + lane]) * np.float64(sought.exposure.backdrop)
+                        seen = gain * (np.float64(state[start + lane]) + lit) + offset
                         wanted = np.float64(photo[extent.row + line, extent.column + lane, channel])
                         x, y = x + seen, y + wanted
                         xx, yy, xy = xx + seen * seen, yy + wanted * wanted, xy + seen * wanted

@@ -205,7 +205,8 @@ class _Training:
         """Towards a photo, at a share of the way; its dB before."""
         settings = self._settings
         smaller = 4 if way < settings.quarter else 2 if way < settings.quarter + settings.half else 1
-        target = self._exposed(view, smaller)
+        # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it
+        target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
         return self._descent.step(target, way, weight=smaller * smaller, structure=settings.structure).psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
