@@ -97,7 +97,8 @@ def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> N
 
     voice.say("step", "comparing")
     scene, camera = coded.photos, coded.photos.cameras[0]
-    look = compared(coded.data, scene, runtime, model, voice)
+    compiled = None if coded.refinement else False  # which refinement has loaded
+    look = compared(coded.data, scene, runtime, model, voice, compiled=compiled)
     voice.done(
         f"{len(scene.frames)} views of {camera.width}x{camera.height}, {look.gaussians} Gaussians,"
         f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {look.psnr:.1f} dB at its own photos"

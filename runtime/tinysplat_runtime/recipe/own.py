@@ -59,13 +59,24 @@ class Look:
     psnr: float
 
 
-def compared(data: bytes, scene: Scene, tools: Tools, model: str, told: Told = NOBODY) -> Look:
-    """A file beside the photos that it was made of; `model` is the network of files that hold photos."""
+def compared(
+    data: bytes, scene: Scene, tools: Tools, model: str, told: Told = NOBODY, *, compiled: bool | None = False
+) -> Look:
+    """A file beside the photos that it was made of.
+
+    Args:
+        data: the file.
+        scene: its photos.
+        tools: to do it with.
+        model: the network of files that hold photos.
+        told: who is told how many photos are compared.
+        compiled: as `Renderer` has it; a few pictures alone are drawn sooner without.
+    """
     count, is_list = len(scene.frames), isinstance(read_container(data, tools.limits).body, List)
     near, seen = near_of(data, 2 if is_list else count, tools, model), scene.views(looked_at(count))
     some = near(seen.cameras[0])
     cameras, images = seen.cameras, seen.images(judged=True)
-    psnr = own_psnr(near, cameras, images, tools.threads, told)
+    psnr = own_psnr(near, cameras, images, tools.threads, told, compiled=compiled)
     return Look(some.count if is_list else some.count // len(some.cameras) * count, psnr)
 
 
@@ -95,14 +106,22 @@ def near_of(data: bytes, photos: int, tools: Tools, model: str) -> Near:
     return lambda camera: file.near(camera, DRAWN_FROM)
 
 
-def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: int | None, told: Told = NOBODY) -> float:
+def own_psnr(
+    near: Near,
+    cameras: Sequence[Camera],
+    images: NDArray,
+    threads: int | None,
+    told: Told = NOBODY,
+    *,
+    compiled: bool | None = False,
+) -> float:
     """PSNR in dB of a scene's render at its own views to photos (V, H, W, 3), the mean over the views.
 
     Args:
         near: the scene.
         cameras: of the photos.
         images: the photos, NaN where they do not count.
-        threads: see `Renderer`.
+        threads, compiled: see `Renderer`.
         told: who is told how many photos are compared.
     """
     height, width = images.shape[1:3]
@@ -110,14 +129,14 @@ def own_psnr(near: Near, cameras: Sequence[Camera], images: NDArray, threads: in
     first = (height - rows) // 2
     whole = None
     if rows == height and len(cameras) in ALL_VIEWS:
-        whole = Renderer(near(cameras[0]), threads=threads, compiled=False)
+        whole = Renderer(near(cameras[0]), threads=threads, compiled=compiled)
 
     def drawn(camera: Camera) -> NDArray:
         band = _rows_of(camera, slice(first, first + rows))
         if whole is not None:
             return whole.render(band)
         part = near(camera) if rows == height else _about(near(camera), band)
-        return Renderer(part, threads=threads, compiled=False, keep=False).render(band)
+        return Renderer(part, threads=threads, compiled=compiled, keep=False).render(band)
 
     return mean_decibels(map(drawn, told.progress("comparing", cameras)), images[:, first : first + rows])
 
