@@ -19,7 +19,7 @@ from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
 from tinysplat_runtime.refine.price import plane_prices
 from tinysplat_runtime.refine.schedule import held_back, order, turn
-from tinysplat_runtime.refine.settings import Settings
+from tinysplat_runtime.refine.settings import Settings, settings_for
 from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from tinysplat_runtime.scene.pictures import write_png
@@ -140,3 +140,9 @@ def test_every_size_is_drawn_both_ways_and_steps_shorten(sizes: int) -> None:
         places = {one.place for one in turns if one.size == size}
         assert None in places and len(places) > 2  # and from more than one of the places between
     assert np.less(Settings().step_sizes(5), Settings().step_sizes(0)).all()
+
+
+@pytest.mark.parametrize("below", [False, True])
+def test_a_captures_depths_go_no_more_pixels_far_in_larger_photos(below: bool) -> None:
+    usual, larger, small = (settings_for(24, side * side, below=below).log_depth for side in (256, 512, 64))
+    assert 0 < 2 * larger == pytest.approx(usual) and small == usual
