@@ -249,7 +249,7 @@ class _Training:
             known = np.isfinite(target.photo)
             error = np.where(known, np.float32(target.gain) * picture - target.photo, np.float32(0))
             logs.append(_log_gain(picture[known], target.photo[known]))
-            squared.append(float(np.square(error).sum(dtype=np.float64)) / max(np.count_nonzero(known), 1))
+            squared.append(float(np.square(error).sum(dtype=np.float64)) / max(int(known.sum()), 1))
             wrong.append(start.smoothed(np.abs(error).sum(axis=-1)))
         self._gains = _gains(np.array(logs), self._settings.exposure)
         if way >= self._settings.judged:
