@@ -104,6 +104,17 @@ def test_a_capture_comes_nearer_to_photos_that_it_never_saw(capture: tuple[ts.Ga
     assert stats.kept > 0 and stats.after > stats.before
 
 
+def test_a_capture_with_photos_a_stop_darker_comes_nearer_too(
+    capture: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path
+) -> None:
+    found, photos, between = capture
+    start, frames = worn(found), list(photos.frames)
+    for v in range(1, len(frames), 3):
+        write_png(tmp_path / f"{v}.png", frames[v].image() / 2)
+        frames[v] = replace(frames[v], path=tmp_path / f"{v}.png")
+    assert psnr(ts.refine(start, replace(photos, frames=tuple(frames))), between) > psnr(start, between)
+
+
 def test_a_capture_whose_photos_agree_about_nothing_more_is_left_as_it_is(
     capture: tuple[ts.Gaussians, Scene, Scene], tmp_path: Path
 ) -> None:

@@ -52,7 +52,7 @@ class Loop:
     Attributes:
         field: as they stand.
         exposures: (V, 2) float64, gain and offset of every photo against the scene; the mean of those that correct
-            stays 1 and 0, and what is held back has these.
+            stays, and what is held back has those that it began with.
         errors: what the last step saw of every photo, each as Gaussians stood when its turn came.
         settings: see there.
         held: photos that judge and correct nothing.
@@ -66,6 +66,7 @@ class Loop:
         prices: dict[Grid, PlanePrice],
         settings: Settings,
         run_jobs: Callable,
+        exposures: NDArray | None = None,
     ) -> None:
         """Begin.
 
@@ -75,10 +76,12 @@ class Loop:
             prices: by grid.
             settings: see there.
             run_jobs: maps a function over a list, on any number of threads.
+            exposures: (V, 2) that photos begin with; without them, all are exposed as the scene is.
         """
         self.field, self.errors = field, tuple[PhotoError, ...]()
         self._sizes, self._prices, self.settings, self._run = sizes, prices, settings, run_jobs
-        self.exposures = np.tile([1.0, 0.0], (len(sizes[0]), 1))
+        self._begun = np.tile([1.0, 0.0], (len(sizes[0]), 1)) if exposures is None else exposures
+        self.exposures = self._begun.copy()
         self._exposure_means = np.zeros((2, *self.exposures.shape))
         views = len(sizes[0])
         self._first, self._second = (disk.zeros(field.values.shape, views=views) for _ in range(2))
@@ -91,6 +94,7 @@ class Loop:
                 grid: self._edge_weights(grid, of_view) for grid, of_view in zip(grids, weights, strict=True)
             }
         self.held = held_back(views, settings.held_back)
+        self._usual = np.delete(self.exposures, self.held, axis=0).mean(axis=0)
         self.judged = self.held or evenly(views, JUDGED)
         self._covered: dict[int, Target] = {}
         self._between = [self._halfway(view) for view in range(views)]
@@ -144,8 +148,8 @@ class Loop:
         self.field.values[:] = values
 
     def photo_psnr(self) -> float:
-        """dB of the photos that are judged, as they are, drawn from all Gaussians, near views first; the mean."""
-        targets = [self._sizes[0][view] for view in self.judged]
+        """dB of the photos that are judged, exposed as they began, from all Gaussians, near views first; the mean."""
+        targets = [_with(self._sizes[0][view], self._begun[view]) for view in self.judged]
         errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
         return float(np.mean([error.psnr for error in errors]))
 
@@ -178,8 +182,7 @@ class Loop:
 
     def _exposed(self, view: int, target: Target) -> Target:
         """A photo of a view as the loop has found that it was exposed."""
-        gain, offset = self.exposures[view]
-        return replace(target, gain=gain, offset=offset)
+        return _with(target, self.exposures[view])
 
     def _halfway(self, view: int) -> list[Camera]:
         """From halfway to each of a view's nearest neighbours."""
@@ -215,7 +218,7 @@ class Loop:
         numbers = (settings.exposure, settings.momentum, settings.memory, 1e-3, self._count + 1.0, -np.inf, np.inf)
         kernels.adam(self.exposures[view], slope, *self._exposure_means[:, view], numbers)
         others = [view for view in range(len(self.exposures)) if view not in self.held]
-        self.exposures[others] -= self.exposures[others].mean(axis=0) - (1, 0)
+        self.exposures[others] -= self.exposures[others].mean(axis=0) - self._usual
 
     def _edge_weights(self, grid: Grid, weights: NDArray) -> NDArray:
         """Zeros (2, H, W), filled: how much changes of depth have to be those of the neighbours right and below."""
@@ -224,6 +227,11 @@ class Loop:
         across[:, :-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=2)).mean(axis=0))
         down[:-1] = np.exp(-self.settings.edge * C0 * np.abs(np.diff(colours, axis=1)).mean(axis=0))
         return weights
+
+
+def _with(target: Target, exposure: NDArray) -> Target:
+    gain, offset = exposure
+    return replace(target, gain=gain, offset=offset)
 
 
 def _corrects(view: int, shares: Shares, grid: Grid) -> bool:

@@ -39,6 +39,12 @@ SAME_PICTURE = 0.25
 """Least share of a photo's variance, after gain and offset, that the Gaussians' picture has to explain at the start:
 0.6 to 0.99 for photos they were made of, about 0 for photos of another scene."""
 
+OTHER_EXPOSURE, MOST_EXPOSURE = 0.3, 1.5
+"""Natural logarithms of a photo's contrast over its picture's, between which it may be exposed otherwise."""
+
+MENDED = 0.5
+"""Share of its squared error that its own exposure may leave for that to be believed."""
+
 
 class Refining:
     """Gaussians that are corrected until they show the photos that they were made of.
@@ -97,16 +103,24 @@ class Refining:
         begun = time.perf_counter()
         height, width = self._sizes[0][0].photo.shape[:2]
         shown, errors = np.zeros((height, width, 4), np.float32), []
+        self._exposures = np.tile([1.0, 0.0], (len(gaussians.cameras), 1))
         self._halved = disk.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
-        for target, half in zip(self._sizes[0], self._halved, strict=True):
-            errors.append(moving.measure(target, shares=moving.shares(target.camera), shown=shown))
+        for target, half, exposure in zip(self._sizes[0], self._halved, self._exposures, strict=True):
+            shares = moving.shares(target.camera)
+            errors.append(moving.measure(target, shares=shares, shown=shown))
             half[:] = halved_picture(shown[..., :3])
+            gain, offset = _exposure(target.photo, shown[..., :3])
+            if gain != 1:
+                exposed = moving.measure(replace(target, gain=gain, offset=offset), shares=shares)
+                if exposed.squared < MENDED * errors[-1].squared:
+                    errors[-1], exposure[:] = exposed, (gain, offset)
         each = (time.perf_counter() - begun) / len(errors)
         if (view := _other(errors, self._sizes[0])) is not None:
             self.stats.reason = f"photo {view} shows something else than they do"
             self._loop = None
             return
-        self._loop = Loop(moving, self._sizes, self._prices(gaussians, moving), self._settings, run_jobs)
+        prices = self._prices(gaussians, moving)
+        self._loop = Loop(moving, self._sizes, prices, self._settings, run_jobs, self._exposures)
         self._seconds["judging"] = each * len(self._loop.judged)
         self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
@@ -219,7 +233,7 @@ class Refining:
         moving = MovableGaussians(gaussians, run_jobs)
         targets = lacking_alike(self._sizes[0], self._halved, moving)
         settings = settings_for(len(gaussians.cameras), self._start.opacities[0].size, below=True)
-        loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs)
+        loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs, self._exposures)
         start = disk.zeros(moving.values.shape, views=len(gaussians.cameras))
         for grid in moving.grids:
             start[:, grid.rows] = moving.values[:, grid.rows]
@@ -259,6 +273,20 @@ class _Smaller:
 
     loop: Loop
     start: NDArray
+
+
+def _exposure(photo: NDArray, picture: NDArray) -> tuple[float, float]:
+    """Gain and offset that give a picture (H, W, 3) a photo's mean and contrast, where that is far from its own; else
+    1 and 0: what is nearer is found in steps.
+    """
+    known = np.isfinite(photo[..., 0])
+    wanted, shown = photo[known], picture[known]
+    if not known.any():
+        return 1.0, 0.0
+    gain = float(wanted.std(dtype=np.float64) / (shown.std(dtype=np.float64) + 1e-6))
+    if not OTHER_EXPOSURE < abs(math.log(gain + 1e-6)) < MOST_EXPOSURE:
+        return 1.0, 0.0
+    return gain, float(wanted.mean(dtype=np.float64) - gain * shown.mean(dtype=np.float64))
 
 
 def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | None:
