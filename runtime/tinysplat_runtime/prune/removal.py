@@ -220,8 +220,10 @@ class Remover:
         shown = gone[np.argsort(self._prices[gone], kind="stable")[gone.size // 2 :]]
         left = self._all.changed(sh=self._sh).taken(rows)
         if shown.size and not self._is_late():
-            both = [self.recoloured(one, penalties) for one in (left, merged(self._all, rows, np.sort(shown)))]
-            left = max(both, key=self._judges.psnr)
+            together = merged(self._all, rows, np.sort(shown))
+            disk.let_go()  # what merging took, several times as much as the Gaussians
+            left = max((self.recoloured(one, penalties) for one in (left, together)), key=self._judges.psnr)
+            del together
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
         if shown.size and not self._is_late():
