@@ -46,7 +46,7 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
 
     Args:
         path: a file made of `gaussians`.
-        gaussians: the original; seen from its own views, or from around it where it has none.
+        gaussians: the original; seen from its own views or its photos' places, or from around it where it has none.
 
     Raises:
         InputError: the file cannot be read.
@@ -59,12 +59,13 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
 
 
 def _views(gaussians: Gaussians) -> Sequence[Camera]:
-    if not gaussians.cameras:
+    seen_from = gaussians.cameras or gaussians.viewpoints
+    if not seen_from:
         camera = outside(gaussians)
         means = gaussians.flat().means.astype(np.float64) + gaussians.origin
         depth = float(np.median((means - camera.centre) @ camera.c2w[:3, 2]))
         return orbit([camera], 4, depth)
-    return [gaussians.cameras[v] for v in evenly(len(gaussians.cameras), MAX_VIEWS)]
+    return [seen_from[v] for v in evenly(len(seen_from), MAX_VIEWS)]
 
 
 def _parts(path: Path) -> list[Path]:

@@ -1,22 +1,26 @@
-"""What does each format of Gaussian files cost, in bytes and dB, on one scene?
+"""What does each format of Gaussian files cost, in bytes and dB?
 
 One made scene (two views of the room, SH degree 3) goes out in every format that is written, each as it is by default,
-is read again and drawn from its own views: what `convert --check` says of a user's file.
+is read again and drawn from its own views: what `convert --check` says of a user's file. Gaussian files that are given
+go out in those that README shows.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from typing import Any
 
+from tinysplat_runtime.api import load_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.formats.check import file_loss
 from tinysplat_runtime.formats.table import FORMATS, save_gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 from ..rows import Row
-from ..show.tables import Listing, decibels, kilobytes, mean, said
+from ..show.tables import Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.made import made_gaussians
 
@@ -26,20 +30,28 @@ OURS = f"`{SUFFIX}`, {DEFAULT_PROFILE}"
 
 def interchange_rows(run: Run) -> Iterator[Row]:
     """A row per format: bytes, and dB of its pictures beside the original's; .tsplat beside them."""
+    if run.paths:
+        for path in run.paths:
+            yield from _rows(path.stem, load_gaussians(path), _IN_SHORT, run)
+        return
     side = run.side // 2
-    gaussians = made_gaussians(VIEWS, side, side, DEGREE)
-    subject = f"room, {VIEWS}×{side}², SH degree {DEGREE}"
+    made = made_gaussians(VIEWS, side, side, DEGREE)
+    yield from _rows(f"room, {VIEWS}×{side}², SH degree {DEGREE}", made, [form.name for form in FORMATS], run)
+
+
+def _rows(subject: str, gaussians: Gaussians, names: Collection[str], run: Run) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         for form in FORMATS:
-            if form.write is not None:
+            if form.write is not None and form.name in names:
                 path = Path(folder, f"scene{form.endings[0]}")
                 save_gaussians(path, gaussians)
                 loss = file_loss(path, gaussians)
-                yield Row("formats", subject, form.name, figures={"bytes": loss.bytes, "psnr_decoded_raw": loss.psnr})
+                figures = {"bytes": loss.bytes, "psnr_decoded_raw": loss.psnr}
+                yield Row("formats", subject, form.name, {"count": gaussians.count}, figures)
         data, decoded = run.runtime.compress(gaussians), Path(folder, "decoded.npz")
         save_gaussians(decoded, run.runtime.decompress(data))
         figures = {"bytes": len(data), "psnr_decoded_raw": file_loss(decoded, gaussians).psnr}
-        yield Row("formats", subject, OURS, figures=figures)
+        yield Row("formats", subject, OURS, {"count": gaussians.count}, figures)
 
 
 _COLUMNS = {
@@ -47,13 +59,30 @@ _COLUMNS = {
     "KB": mean("bytes", kilobytes),
     "dB to its source": mean("psnr_decoded_raw", decibels),
 }
-_IN_SHORT = ("PLY (3DGS)", "SOG", "SPZ", OURS)
+_IN_SHORT = ("PLY (3DGS)", "SPZ", "SOG")
+
+
+def _of(way: str, name: str, write: Callable[[Any], str]) -> Cell:
+    return lambda rows: mean(name, write)([row for row in rows if row.way == way])
+
+
+_SIDE_BY_SIDE = {
+    "": said("subject"),
+    "Gaussians": said("count", "{:,}".format),
+    "PLY, KB": _of("PLY (3DGS)", "bytes", kilobytes),
+    "SPZ, KB": _of("SPZ", "bytes", kilobytes),
+    "SPZ, dB": _of("SPZ", "psnr_decoded_raw", decibels),
+    "SOG, KB": _of("SOG", "bytes", kilobytes),
+    "SOG, dB": _of("SOG", "psnr_decoded_raw", decibels),
+    f"`{SUFFIX}`, KB": _of(OURS, "bytes", kilobytes),
+    f"`{SUFFIX}`, dB": _of(OURS, "psnr_decoded_raw", decibels),
+}
 
 INTERCHANGE = Study(
     "Formats",
     interchange_rows,
     {
         "formats": Listing("formats", _COLUMNS, sections="subject"),
-        "formats in short": Listing("formats", _COLUMNS, wanted=lambda row: row.way in _IN_SHORT),
+        "formats in short": Listing("formats", _SIDE_BY_SIDE, by=("subject",)),
     },
 )
