@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "docs" / "pictures.json"
 EXAMPLES = "python examples/demo.py --out demo_out"
 ENCODED = "python examples/demo.py --out demo_out --photos && tinysplat encode demo_out/motorcycle -o demo.tsplat"
+PAGE = ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css"]
+MUG = "tinysplat encode mug/ --views 0-15 --masks background --mode list -o mug.tsplat"
 ENGINES = f"{ENCODED} --size 256x256 && python checks/engines.py demo.tsplat docs/engines.webp docs/dilated.webp"
 
 
@@ -42,7 +44,21 @@ class MadePicture:
 
 PICTURES = {
     "docs/flight.webp": MadePicture(
-        "python examples/flight.py docs/flight.webp", ["examples/flight.py", "models/edge.onnx"]
+        f"{MUG} && python examples/flight.py mug.tsplat docs/flight.webp",
+        ["examples/flight.py", "models/edge.onnx"],
+        "mug/: the photos and masks that docs/pages/README.md names",
+    ),
+    "docs/pages/mug.html": MadePicture(
+        f"{MUG} && tinysplat view mug.tsplat --background white --html docs/pages/mug.html --force",
+        [*PAGE, "models/edge.onnx"],
+        "mug/: the photos and masks that docs/pages/README.md names",
+    ),
+    "docs/pages/conch.html": MadePicture(
+        "tinysplat encode conch/ --views 0-15 -o whole.tsplat"
+        " && tinysplat compress whole.tsplat -o conch.tsplat --target-size 640KB"
+        " && tinysplat view conch.tsplat --html docs/pages/conch.html --force",
+        [*PAGE, "models/edge.onnx"],
+        "conch/: the photos that docs/pages/README.md names",
     ),
     "docs/demo.png": MadePicture(
         f"{EXAMPLES} && cp demo_out/motorcycle_256x256_balanced_view0.png docs/demo.png",
@@ -51,7 +67,7 @@ PICTURES = {
     "docs/pages/plush.html": MadePicture(
         "tinysplat encode plush/ --views all -o plush.tsplat"
         " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
-        ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css", "models/edge.onnx"],
+        [*PAGE, "models/edge.onnx"],
         "plush/: the photos that docs/pages/README.md names",
     ),
     "docs/viewer.jpg": MadePicture(
@@ -64,6 +80,11 @@ PICTURES = {
     ),
     "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
     "docs/waits.png": MadePicture("tinysplat bench --docs || test $? = 2", ["benchmarks/reports/*-waits/rows.jsonl"]),
+    "docs/steps.png": MadePicture(
+        "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
+        ["benchmarks/reports/2026-11-26/steps.jsonl"],
+        "SCENES: the six captures of docs/MEASURING.md",
+    ),
     "docs/edge_curves.png": MadePicture(
         "python -m tinysplat.training models/training/edge.toml --photos SCENES --out runs/edge"
         " && cp runs/edge/curves.png docs/edge_curves.png",

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.recipe.encode import LIST_QP
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.render import Renderer, between
@@ -113,7 +114,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             steps.append((REFINED, refined, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
-            done, data = coded(known, gaussians)
+            done, data = coded(known, gaussians, LIST_QP if way == LISTED else None)
             swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way not in (ALONE, LISTED) else {}
             yield replace(done, figures={**done.figures, **swing})
         if is_compared:
@@ -207,7 +208,12 @@ def _coded(name: str) -> str:
     return "coded" if name == "psnr" else f"coded_{name}"
 
 
-_IN_SHORT = {REFINED: "as `encode` does it", STUDY: "with `--no-refine`", "nearest photo": "the nearest photo"}
+_IN_SHORT = {
+    REFINED: "as `encode` does it",
+    STUDY: "with `--no-refine`",
+    LISTED: "with `--mode list`",
+    "nearest photo": "the nearest photo",
+}
 """Ways that README shows, of as many photos as the others are compared with."""
 
 _JUDGED = {
@@ -248,24 +254,22 @@ def _step(rows: Sequence[Row]) -> str:
 def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
     """dB at photos left out over the seconds of each step, and over the bytes of files of several qualities."""
     ways = {way: group for (way,), group in grouped(list(filter(_is_step, of_study(rows, STUDY))), "way").items()}
-    if REFINED not in ways:
+    if not {LISTED, REFINED} <= set(ways):
         return False
-    over: dict[str, list[tuple[float, float]]] = {"steps": [], "qualities": []}
+    steps, qualities, listed = [], [], []
     for way, group in ways.items():
-        level, cpu, kilo = (
-            statistics.fmean(row.figures["coded"] for row in group),
-            statistics.fmean(row.costs["cpu"] for row in group),
-            statistics.fmean(row.figures["bytes"] for row in group) / 1000,
-        )
-        if way in _STEPS and way != LISTED:
-            over["steps"].append((cpu, level))
+        level, size = (statistics.fmean(row.figures[name] for row in group) for name in ("coded", "bytes"))
+        cpu = statistics.fmean(row.costs["cpu"] for row in group)
+        if way == LISTED:
+            listed = [(cpu, level), (size / 1000, level)]
+        elif way in _STEPS:
+            steps.append((cpu, level))
         if way.startswith(REFINED):
-            over["qualities"].append((kilo, level))
-    label = "dB at photos left out"
-    panels = [
-        Panel("each step", "processor seconds", label, {"the network, depth, correction": sorted(over["steps"])}),
-        Panel("coded more finely", "KB of the file", label, {"Q_g 12, 6, 0, −6": sorted(over["qualities"])}),
-    ]
+            qualities.append((size / 1000, level))
+    label, one = "dB at photos left out", "one list, trained"
+    by_cpu = {"network, depth, correction": sorted(steps), one: listed[:1]}
+    by_size = {"Q_g 12, 6, 0, −6": sorted(qualities), one: listed[1:]}
+    panels = [Panel("each step", "processor seconds", label, by_cpu), Panel("each file", "KB", label, by_size)]
     save_grid(path, "", [panels])
     return True
 
