@@ -202,7 +202,9 @@ def test_every_option_changes_the_fingerprint() -> None:
     said = {"views": [0, 1], "size": [8, 8], "refine": "5", "mode": "photos", "lossless": True, "drop_invalid": True}
     said |= {"target_size": 900, "target_psnr": 40, "near": 2, "far": 9, "qp": 1, "profile": "fast", "first_number": 1}
     said |= {"provider": "cuda", "report": True, "save_gaussians": True, "auto": 3, "joint": False}
+    said |= {"masks": "moving", "at_most": 9}
     options = [{name: said.get(name, f"/{name}.x")} for name in OPTIONS]  # paths and texts
+    options = [{**one, "mode": "list"} if "at_most" in one else one for one in options]
     texts = [json.dumps({"scene": "/a", **one}) for one in [{}, *options, {"refine": "5s"}, {"refine": "6"}]]
     jobs = [read_manifest(text, "out", {}, allowed=CODE)[0] for text in [*texts, "/b/a"]]
     assert len({job.fingerprint for job in jobs}) == len(jobs) == len(OPTIONS) + 4
