@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
@@ -78,17 +77,22 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
 
 
 def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:
-    """Photos of one size, of a capture on disk."""
+    """Photos of one size, and where nothing is in them, of a capture on disk."""
     photos = disk.zeros((len(cameras), cameras[0].height, cameras[0].width, 3))
-    nothing: list[NDArray | None] = [None] * len(cameras)
-    for view, (photo, frame) in enumerate(zip(photos, frames, strict=True)):
+    shares = disk.zeros(photos.shape[:3]) if any(frame.is_on_background for frame in frames) else None
+    targets = []
+    for view, (camera, photo, frame) in enumerate(zip(cameras, photos, frames, strict=True)):
         photo[:] = frame.image()
         if not np.isfinite(photo).all():
             raise InputError("holds NaN or infinity, expected RGB in [0, 1]", where="photos")
+        nothing = None
         if (known := frame.known()) is not None:
             photo[~known] = NOTHING if frame.is_on_background else np.nan
-            nothing[view] = (~known).astype(np.float32) if frame.is_on_background else None
-    return [Target(camera, photos[view], nothing=nothing[view]) for view, camera in enumerate(cameras)]
+            if shares is not None and frame.is_on_background:
+                nothing = shares[view]
+                nothing[:] = ~known
+        targets.append(Target(camera, photo, nothing=nothing))
+    return targets
 
 
 def _is_as_large(frame: Frame, height: int, width: int) -> bool:
