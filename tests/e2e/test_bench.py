@@ -65,12 +65,7 @@ def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "fault"),
-    [
-        (("waits", "--against", "/nowhere"), "/nowhere"),
-        (("/nowhere",), "/nowhere"),
-        (("waits", "--model", "nonsense", "--quick"), "'nonsense'"),
-    ],
+    ("arguments", "fault"), [(("/nowhere",), "/nowhere"), (("waits", "--model", "nonsense", "--quick"), "'nonsense'")]
 )
 def test_bad_options_are_one_line_and_status_2(tmp_path: Path, arguments: tuple[str, ...], fault: str) -> None:
     assert tells(fail("bench", "-q", "-o", tmp_path / "out", *arguments), fault)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +11,9 @@ from measure.tiny_runs import shows
 from scenes import refusing
 
 from tinysplat.measure.machine import changed_since, git
-from tinysplat.measure.pages import agreement, commits_of_rows, fill_pages, filled, pages
+from tinysplat.measure.pages import commits_of_rows, fill_pages, filled, pages
 from tinysplat.measure.rows import ROWS, Row, RowFile
+from tinysplat.measure.show import quality
 from tinysplat.measure.studies import STUDIES, find_study
 from tinysplat_runtime.errors import InputError
 
@@ -25,19 +25,8 @@ def row(way: str, seconds: float = 1.0, **figures: float) -> Row:
     return Row("formats", "2×256×256", way, {"profile": way.split()[0]}, figures, costs)
 
 
-def test_of_two_runs_figures_that_moved_are_named_and_the_rows_that_became_slowest():
-    before = [row(f"way{n}", seconds=n + 1, psnr=math.inf, bytes=10) for n in range(9)]
-    assert "bytes" not in "".join(agreement(before, before))
-    now = [replace(one, costs={"seconds": 2 * one.costs["seconds"]}) for one in before]
-    assert "bytes" not in "".join(agreement(before, now))  # times may differ
-    now[3] = replace(now[3], figures={"psnr": math.inf, "bytes": 11}, costs={"seconds": 28.0})
-    told = "\n".join(agreement(before, now))
-    assert "bytes" in told and "10" in told and "11" in told
-    assert any("way3" in line and shows(line, 28 / 4) for line in told.splitlines())
-
-
 def test_every_study_has_tables_that_say_nothing_of_no_rows(tmp_path):
-    names: list[str] = []
+    names: list[str] = [*quality.TABLES]
     for name in STUDIES:
         study = find_study(name)
         names += study.tables
@@ -85,11 +74,13 @@ def test_figures_of_other_code_are_told_by_the_commits_of_their_runs(tmp_path):
 def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):
     (tmp_path / "docs").mkdir()
     page = tmp_path / "README.md"
-    page.write_text("Before\n<!-- plotted list -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
+    page.write_text("Before\n<!-- plotted waits -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
     assert fill_pages(tmp_path) == [] and not (tmp_path / "docs" / "o.png").exists()
     reports = tmp_path / "benchmarks" / "reports"
-    for day, study in (("2026-01-01", "list"), ("2026-01-02", "list"), ("2026-01-03", "waits")):
-        RowFile(reports / day / ROWS).add(replace(row("balanced", psnr_decoded_raw=40.0, bytes=1e3), study=study))
+    for day, study in (("2026-01-01", "waits"), ("2026-01-02", "waits"), ("2026-01-03", "list")):
+        RowFile(reports / day / ROWS).add(
+            replace(row("balanced", psnr_decoded_raw=40.0), study=study, setting={"thing": "a file", "qp": 0})
+        )
     assert fill_pages(tmp_path) == [page] and fill_pages(tmp_path) == []
     found = page.read_text()
     assert "![Error](docs/o.png)" in found and "2026-01-02" in found

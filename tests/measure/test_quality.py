@@ -28,7 +28,7 @@ from tinysplat.measure.metrics import psnr
 from tinysplat.measure.quality import ProfileQp, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
 from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
 from tinysplat.measure.runner import RunOutcome, RunPlan, list_jobs, run_jobs
-from tinysplat.measure.studies.quality import QUALITY
+from tinysplat.measure.show.quality import TABLES
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FolderSource, find_sources, read_depth
 from tinysplat_runtime.errors import InputError
@@ -220,7 +220,7 @@ def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
     ((_, members),) = groups_of(rows)
     assert mean_of_rows(members)["psnr"] == 20
     assert mean_of_scenes(members)["psnr"] == 22.5
-    assert shows(QUALITY.tables["quality summary"](rows), 22.5)
+    assert shows(TABLES["quality summary"](rows), 22.5)
 
 
 def test_the_json_document_has_the_keys_that_scripts_rely_on(measured):

@@ -9,21 +9,20 @@ from dataclasses import fields
 from pathlib import Path
 
 from tinysplat.measure.machine import changed_since, run_row
-from tinysplat.measure.pages import agreement, commits_of_rows, fill_pages, write_report
-from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
+from tinysplat.measure.pages import commits_of_rows, fill_pages, write_report
+from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
 from tinysplat.measure.subjects.sources import find_sources
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.cli.options import add_threads
-from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
 from tinysplat_runtime.system.progress import progress
 
-from .eval import numbers, words
+from .eval import numbers
 
 HELP = "error against run time, report with plots"
 NEEDS = ("matplotlib", "scipy")
@@ -55,7 +54,6 @@ def configure(parser: ArgumentParser) -> None:
         help=f"the report's folder; default {DEFAULT_FOLDER}",
     )
     parser.add_argument("--quick", action="store_true", help="the short form: smaller pictures, fewer variants")
-    parser.add_argument("--against", metavar="FOLDER", help="an earlier report to compare with")
     parser.add_argument("--docs", action="store_true", help="fill pages from rows; status 2 if older than code")
     parser.add_argument(
         "--model",
@@ -67,18 +65,12 @@ def configure(parser: ArgumentParser) -> None:
     )
     add_threads(parser)
     of = parser.add_argument_group("options of some studies")
-    of.add_argument(
-        "--profile", dest="profiles", type=words, default=(), metavar="P,P", help="profiles; default the study's"
-    )
     of.add_argument("--qp", dest="qps", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
-    of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of context views")
-    of.add_argument("--kind", dest="kinds", type=words, default=(), metavar="K,K", help="kinds of window")
-    of.add_argument("--limit", type=int, metavar="N", help="windows per scene and number of views; default 1")
-    of.add_argument("--targets", type=int, default=3, metavar="N", help="pictures per window at most; default 3")
+    of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of photos; growth, walk")
+    of.add_argument("--limit", type=int, metavar="N", help="the largest list, and lists alone; growth")
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
     of.add_argument("--drawn", type=size, metavar="WxH", help="that pictures are judged at; default --size; walk")
     of.add_argument("--rounds", type=int, default=0, metavar="N", help="of timing; default the study's")
-    of.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time")
 
 
 def run(args: Namespace) -> None:
@@ -87,11 +79,8 @@ def run(args: Namespace) -> None:
         _fill(quiet=args.quiet)
         return
     studies, inputs = split_words(args.words)
-    before = read_rows(args.against) if args.against is not None else []  # said now, not in half an hour
     for model in args.models:
         find_artifact(model, "network")
-    for profile in args.profiles:
-        find_profile(profile)
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder for the report", where=args.output)
@@ -115,11 +104,9 @@ def run(args: Namespace) -> None:
     measured = measure_studies(bench, studies, quiet=args.quiet)
     if not measured:
         raise InputError("; ".join(bench.left_out[:1]) or "nothing could be measured", where="bench")
-    path = write_report(folder, list(bench.store), bench.left_out, before)
+    path = write_report(folder, list(bench.store), bench.left_out)
     if not args.quiet:
-        print(
-            f"{len(measured)} rows\n" + "\n".join([*bench.left_out, *(agreement(before, measured) if before else ())])
-        )
+        print("\n".join([f"{len(measured)} rows", *bench.left_out]))
     print(path)
 
 

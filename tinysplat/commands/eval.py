@@ -15,8 +15,8 @@ from tinysplat.measure.machine import run_row
 from tinysplat.measure.quality import ProfileQp, Quality, document
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile
 from tinysplat.measure.runner import RunOutcome, RunPlan, run_jobs
+from tinysplat.measure.show.quality import results_text
 from tinysplat.measure.show.tables import within
-from tinysplat.measure.studies.quality import results_text
 from tinysplat.measure.subjects.cases import Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.cli.arguments import budget, indices, size

@@ -1,4 +1,4 @@
-"""Rows to pages: the report of a run, its agreement with an earlier one, and the marked places of README and docs.
+"""Rows to pages: the report of a run, and the marked places of README and docs.
 
 A place is filled from committed rows and stands between two marks:
 
@@ -20,10 +20,8 @@ from __future__ import annotations
 
 import os
 import re
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from heapq import nlargest
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +30,11 @@ from tinysplat_runtime.system.files import write_atomically
 
 from .machine import RUN
 from .rows import ROWS, Row, read_rows
+from .show import quality
 from .studies import STUDIES, find_study
 
 REPORT_MD = "report.md"
 REPORTS = Path("benchmarks", "reports")
-
-SLOWEST = 5
-"""Rows whose times moved most, named where two runs are compared."""
 
 _MARK = re.compile(
     r"(?<!`)(?P<open><!-- measured (?P<file>[^\s:]+): (?P<table>[^>]+?) -->)(?P<text>.*?)(?P<close><!-- end -->)",
@@ -51,7 +47,7 @@ _PLOT = re.compile(
 )
 
 
-def write_report(folder: Path, rows: Sequence[Row], left_out: Sequence[str] = (), before: Sequence[Row] = ()) -> Path:
+def write_report(folder: Path, rows: Sequence[Row], left_out: Sequence[str] = ()) -> Path:
     """Write report.md and its plots beside the rows; returns its path."""
     lines = ["# Measured", "", *_machine(rows), *(f"- {line}" for line in left_out), ""]
     for name in STUDIES:
@@ -66,41 +62,8 @@ def write_report(folder: Path, rows: Sequence[Row], left_out: Sequence[str] = ()
             path = folder / "plots" / f"{plot.replace(' ', '_')}.png"
             if draw(path, rows):
                 lines += [f"![{study.title}](plots/{path.name})", ""]
-    if before:
-        lines += ["## Against the earlier run", "", *agreement(before, rows), ""]
     write_atomically(folder / REPORT_MD, "\n".join(lines).encode())
     return folder / REPORT_MD
-
-
-def agreement(before: Sequence[Row], now: Sequence[Row]) -> list[str]:
-    """Whether two runs agree, one fact a line: figures that must be identical, and times that should be alike."""
-    old = {row.key: row for row in before if row.study != RUN}
-    pairs = [(old[row.key], row) for row in now if row.key in old]
-    differences, count = [], 0
-    for a, b in pairs:
-        names = sorted({*a.figures, *b.figures})
-        count += len(names)
-        where = f"{b.study} | {b.subject} | {b.way}"
-        differences += [
-            f"  {where}: {name} was {a.figures.get(name)}, is {b.figures.get(name)}"
-            for name in names
-            if a.figures.get(name) != b.figures.get(name)
-        ]
-    lines = [
-        f"{len(pairs)} rows are in both; of {count} figures that do not depend on time {count - len(differences)} are"
-        f" identical and {len(differences)} differ.",
-        *differences[:20],
-    ]
-    for cost, label in (("seconds", "Seconds"), ("cpu", "CPU seconds")):
-        ratios = {
-            f"{b.study} | {b.subject} | {b.way}": b.costs[cost] / a.costs[cost]
-            for a, b in pairs
-            if a.costs.get(cost) and cost in b.costs
-        }
-        if ratios:
-            lines.append(f"{label} now over before: median {statistics.median(ratios.values()):.2f}, the largest:")
-            lines += [f"  {name}: {ratios[name]:.2f}" for name in nlargest(SLOWEST, ratios, key=ratios.__getitem__)]
-    return lines
 
 
 def _machine(rows: Sequence[Row]) -> Iterator[str]:
@@ -190,6 +153,8 @@ def _marked(path: Path, words: str, page: str) -> str:
 def _shown(kind: str, name: str, page: str) -> Any:
     """One of all studies' `tables` or `plots`."""
     shown = {key: one for study in map(find_study, STUDIES) for key, one in getattr(study, kind).items()}
+    if kind == "tables":
+        shown |= quality.TABLES
     if name not in shown:
         raise InputError(f"no study has {kind} '{name}'", where=page)
     return shown[name]

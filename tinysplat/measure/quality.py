@@ -34,6 +34,8 @@ from .rows import Row, grouped
 from .runner import RunOutcome, WindowJob
 from .subjects.cases import Case, covered_pixels, nearest_views
 
+STUDY = "quality"
+
 IDENTITY = ("kind", "views", "model", "profile", "qp", "height", "width")
 """What rows of one group have in common."""
 
@@ -85,7 +87,7 @@ class Quality:
             "targets": window.targets,
             "size": job.size,
         }
-        row = Row("quality", f"{job.source.name} {window}", "", stamp=stamp)
+        row = Row(STUDY, f"{job.source.name} {window}", "", stamp=stamp)
         return [
             replace(row, way=f"{c.profile} {c.qp:g}", setting={**identity, **asdict(c), **chosen}) for c in self.codings
         ]

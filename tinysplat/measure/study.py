@@ -13,13 +13,10 @@ from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from .rows import Row, RowFile
-from .runner import RunOutcome, RunPlan
+from .show.tables import Table
 from .subjects.cases import Case, Source, Window
 from .subjects.room import Motorcycle, Room
 from .subjects.sources import FolderSource
-
-Table = Callable[[Sequence[Row]], str]
-"""Rows of a run to Markdown; empty where none is its."""
 
 Plot = Callable[[Path, Sequence[Row]], bool]
 """Draws rows of a run into a PNG file; False where none is its."""
@@ -48,27 +45,21 @@ class Options:
 
     Attributes:
         models: networks; empty for all that ship.
-        profiles: of the codec; empty for the study's own choice.
         qps: Q_g; empty for the study's own.
-        kinds, views, limit: which windows of scenes.
+        views: numbers of photos; empty for the study's own.
+        limit: the largest list, or None for the study's own.
         size: (height, width) of photos, or None for the study's own.
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
-        targets: pictures per window at most.
         rounds: of timing; 0 for the study's own.
-        jobs: windows at a time.
     """
 
     models: tuple[str, ...] = ()
-    profiles: tuple[str, ...] = ()
     qps: tuple[float, ...] = ()
-    kinds: tuple[str, ...] = ()
     views: tuple[int, ...] = ()
     limit: int | None = None
     size: tuple[int, int] | None = None
     drawn: tuple[int, int] | None = None
-    targets: int = 3
     rounds: int = 0
-    jobs: int = 1
 
 
 @dataclass
@@ -112,12 +103,6 @@ class Run:
         """Of a user's photos."""
         return self.options.size or (self.side, self.side)
 
-    def plan(self, kinds: Sequence[str] = ()) -> RunPlan:
-        """Which of the user's windows are measured; of these kinds, where the command line names none."""
-        options = self.options
-        models = options.models or self.models[:1]
-        return RunPlan(self.sources, models, self.size, options.kinds or kinds, options.views, options.limit or 1)
-
     def of_scenes(self, measure: Callable[[str, Scene], Iterator[Row]]) -> Iterator[Row]:
         """Rows of every scene folder, by its name and photos; one that is at fault is left out."""
         for source in self.sources:
@@ -126,11 +111,6 @@ class Run:
                     yield from measure(source.name, load_scene(source.path, near=source.near, far=source.far))
                 except TinySplatError as error:
                     self.left_out.append(f"left out {source.name}: {error}")
-
-    def done(self, outcome: RunOutcome) -> list[Row]:
-        """The rows of windows; what was left out is noted."""
-        self.left_out += [*map(str, outcome.left_out), *outcome.notes]
-        return outcome.rows
 
     @cached_property
     def case(self) -> Case:

@@ -18,6 +18,9 @@ ABSENT = "–"
 Cell = Callable[[Sequence[Row]], str]
 """What a table says of a group of rows."""
 
+Table = Callable[[Sequence[Row]], str]
+"""Rows of a run to Markdown; empty where none is its."""
+
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table whose columns line up: the first to the left, the others to the right."""

@@ -16,11 +16,8 @@ STUDIES = {
     "list": "lists.LIST",
     "growth": "growth.GROWTH",
     "waits": "waiting.WAITING",
-    "curves": "rate.CURVES",
     "walk": "walking.WALK",
-    "corners": "corners.CORNERS",
     "poses": "placing.PLACING",
-    "quality": "quality.QUALITY",
 }
 """By name, where it stands in this package; docs/MEASURING.md says what it asks."""
 

@@ -32,7 +32,6 @@ from tinysplat_runtime.scene.intake.layouts import load_scene
 from ..curves import bytes_at
 from ..pictures import PictureJudge
 from ..rows import Row
-from ..show.plots import Axis, Chart
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
@@ -51,9 +50,6 @@ OURS, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, all kept"
 
 OTHERS = {"SPZ v4": ".spz", "SOG": ".sog", "compressed PLY": ".compressed.ply"}
 """Other formats as `convert` writes them: suffixes."""
-
-MOST_DB = 90
-"""Above it a file holds what it was read from, as its own format does; its dB would flatten the others on a plot."""
 
 
 def list_rows(run: Run) -> Iterator[Row]:
@@ -162,17 +158,4 @@ _SCENES = Listing(
     by=("subject",),
 )
 
-LIST = Study(
-    "Lists of Gaussians",
-    list_rows,
-    {STUDY: _POINTS, f"{STUDY} in short": _SCENES},
-    {
-        STUDY: Chart(
-            STUDY,
-            "Lists: bytes against dB to their source, by format",
-            Axis("bytes", "KB", unit=1e-3),
-            Axis("psnr_decoded_raw", "dB, decoded to raw", most=MOST_DB),
-            panel="subject",
-        )
-    },
-)
+LIST = Study("Lists of Gaussians", list_rows, {STUDY: _POINTS, f"{STUDY} in short": _SCENES})

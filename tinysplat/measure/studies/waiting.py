@@ -16,7 +16,7 @@ from tinysplat_runtime.render import DEFINITION, Renderer
 from ..clock import Variant, measure
 from ..pictures import PictureJudge
 from ..rows import Row, of_study
-from ..show.plots import Panel, save_grid
+from ..show.plots import Panel, save_panels
 from ..show.tables import Listing, decibels, duration, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
@@ -93,7 +93,7 @@ def plot_waits(path: Path, rows: Sequence[Row]) -> bool:
         return False
     curves = dict(sorted(points.items(), key=lambda item: min(item[1])))
     labels = "processor seconds, all threads", "dB of the file's pictures to those of the Gaussians"
-    save_grid(path, "", [[Panel("How long it takes, by the quality of the file", *labels, curves)]])
+    save_panels(path, [Panel("How long it takes, by the quality of the file", *labels, curves)])
     return True
 
 

@@ -39,7 +39,7 @@ from ..clock import cpu_of
 from ..metrics import METRICS
 from ..pictures import rescaled
 from ..rows import Row, grouped, of_study
-from ..show.plots import Panel, save_grid
+from ..show.plots import Panel, save_panels
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
@@ -270,7 +270,7 @@ def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
     by_cpu = {"network, depth, correction": sorted(steps), one: listed[:1]}
     by_size = {"Q_g 12, 6, 0, −6": sorted(qualities), one: listed[1:]}
     panels = [Panel("each step", "processor seconds", label, by_cpu), Panel("each file", "KB", label, by_size)]
-    save_grid(path, "", [panels])
+    save_panels(path, panels)
     return True
 
 

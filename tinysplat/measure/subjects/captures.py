@@ -34,12 +34,7 @@ class Capture:
 
     def given(self, count: int) -> Scene:
         """So many of the others, spread over the capture; all where there are no more."""
-        return spread(self.others, count)
-
-
-def spread(scene: Scene, count: int) -> Scene:
-    """So many of a scene's photos, from the first to the last; all where there are no more."""
-    return scene.views(evenly(len(scene.frames), count))
+        return self.others.views(evenly(len(self.others.frames), count))
 
 
 def found_for(scene: Scene) -> Scene:

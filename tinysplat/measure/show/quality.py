@@ -1,27 +1,13 @@
-"""How good are the pictures? What `tinysplat eval` measures, by scene."""
+"""How good pictures are, as `tinysplat eval` shows it by scene, and pages by kind of window."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..quality import ProfileQp, Quality, decode_seconds, encode_seconds, groups_of, mean_of_rows, mean_of_scenes
+from ..quality import STUDY, decode_seconds, encode_seconds, groups_of, mean_of_rows, mean_of_scenes
 from ..rows import Row, grouped
-from ..runner import run_jobs
-from ..show.tables import decibels, format_table, kilobytes, number
-from ..study import Run, Study, Table
-
-STUDY = "quality"
-
-
-def quality_rows(run: Run) -> Iterator[Row]:
-    """Windows of scenes with photos."""
-    options = run.options
-    codings = tuple(ProfileQp(p, q) for p in options.profiles or ("balanced",) for q in options.qps or (0.0,))
-    work = Quality(codings)
-    yield from run.done(
-        run_jobs(run.plan(), work, run.store, threads=run.threads, processes=options.jobs, runtime=run.runtime)
-    )
+from .tables import Table, decibels, format_table, kilobytes, number
 
 
 class Part(NamedTuple):
@@ -125,11 +111,8 @@ def refined_table(parts: Sequence[Part]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
-QUALITY = Study(
-    "Pictures",
-    quality_rows,
-    {
-        "quality summary": by_group(summary_table, "{kind}, {views} views"),
-        "refined summary": by_group(refined_table, "{kind}, {views} views", "refined"),
-    },
-)
+TABLES: Mapping[str, Table] = {
+    "quality summary": by_group(summary_table, "{kind}, {views} views"),
+    "refined summary": by_group(refined_table, "{kind}, {views} views", "refined"),
+}
+"""Of evaluations, which pages show by these names."""
