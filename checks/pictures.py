@@ -2,7 +2,7 @@
 
     python checks/pictures.py                                # all, with their commands (`make pictures`)
     python checks/pictures.py docs/waits.png                 # makes one anew, and records what it shows
-    python checks/pictures.py --record docs/edge_curves.png  # records one that its command has made elsewhere
+    python checks/pictures.py --record docs/steps.png        # records one that its command has made elsewhere
 
 A picture is older where files that it shows have other contents than when it was recorded (docs/pictures.json).
 """
@@ -84,12 +84,6 @@ PICTURES = {
         "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
         ["benchmarks/reports/2026-11-26/steps.jsonl"],
         "SCENES: the six captures of docs/MEASURING.md",
-    ),
-    "docs/edge_curves.png": MadePicture(
-        "python -m tinysplat.training models/training/edge.toml --photos SCENES --out runs/edge"
-        " && cp runs/edge/curves.png docs/edge_curves.png",
-        ["models/training/edge.pt"],
-        "SCENES: models/training/SOURCES.md; three hours",
     ),
 }
 

@@ -10,7 +10,6 @@ nothing is fetched.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -19,19 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
-from tinysplat.measure.subjects.room import FAR, NEAR, photograph, room_cameras
+from tinysplat.measure.subjects.cases import PhotoSource
+from tinysplat.measure.subjects.room import Motorcycle, Room
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.video import write_video
-from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
-# Calibration of the pair at 741 × 500, from the Middlebury 2014 data set.
-FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.877
 NEAR_M, FAR_M = 2.0, 5.1
+INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [248, 140, 60], [252, 250, 190]]) / 255
 
 WALK_PHOTOS, WALK_SIDE, WALK_FRAMES = 20, 192, 60
 """Photos along a room, every fourth of which is left out, their side, and frames of the film."""
@@ -39,26 +37,11 @@ WALK_PHOTOS, WALK_SIDE, WALK_FRAMES = 20, 192, 60
 ZOOM = 3
 """How much larger than the photos the scene is drawn to look at it from close by."""
 
-INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [248, 140, 60], [252, 250, 190]]) / 255
 
-
-def write_scene(folder: Path) -> None:
-    """Write the pair as a scene folder: two PNGs and cameras.json."""
-    try:
-        from skimage.data import stereo_motorcycle
-    except ImportError:
-        raise ts.InputError('needs scikit-image; pip install "tinysplat[demo]" brings it', where="demo") from None
-
-    left, right, _ = stereo_motorcycle()
-    frames = []
-    for index, photo in enumerate((left, right)):
-        name = f"{index}.png"
-        write_png(folder / name, photo)
-        K = [[FOCAL_PX, 0, CX_PX[index]], [0, FOCAL_PX, CY_PX], [0, 0, 1]]
-        c2w = np.eye(4)
-        c2w[0, 3] = index * BASELINE_M
-        frames.append({"file": name, "width": photo.shape[1], "height": photo.shape[0], "K": K, "c2w": c2w.tolist()})
-    (folder / "cameras.json").write_text(json.dumps({"frames": frames, "near": NEAR_M, "far": FAR_M}, indent=1))
+def write_scene(source: PhotoSource, folder: Path, size: tuple[int, int]) -> None:
+    """Write photos of (height, width) as a scene folder: PNGs and cameras.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    source.shots(source.windows()[0][0], size).write(folder)
 
 
 def psnr(a: NDArray, b: NDArray) -> float:
@@ -67,7 +50,7 @@ def psnr(a: NDArray, b: NDArray) -> float:
 
 
 def depth_picture(depth: NDArray) -> NDArray:
-    """(H, W) z depth to colours: near is bright."""
+    """(H, W) z depth of the pair to colours: near is bright."""
     inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
     share = np.clip((inverse - 1 / FAR_M) / (1 / NEAR_M - 1 / FAR_M), 0, 1)
     stops = np.linspace(0, 1, len(INVERSE_DEPTH_COLORS))
@@ -119,20 +102,10 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
     }
 
 
-def write_room(folder: Path) -> None:
-    """Write photos along a made-up room as a scene folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    cameras, entries = room_cameras(WALK_PHOTOS, WALK_SIDE, WALK_SIDE), []
-    for index, camera in enumerate(cameras):
-        write_png(folder / f"{index:02}.png", photograph(camera)[0])
-        entries.append(camera_entry(f"{index:02}.png", camera))
-    (folder / "cameras.json").write_text(json.dumps({"frames": entries, "near": NEAR, "far": FAR}, indent=1))
-
-
 def walk(out: Path, runtime: ts.Runtime) -> str:
     """A walk through a made-up room: photos along it to one file, photos left out drawn from it; what came of it."""
     folder = out / "room"
-    write_room(folder)
+    write_scene(Room(WALK_PHOTOS), folder, (WALK_SIDE, WALK_SIDE))
     scene, left_out = ts.load_scene(folder), range(2, WALK_PHOTOS, 4)
     given = scene.views(i for i in range(WALK_PHOTOS) if i not in left_out)
 
@@ -163,14 +136,13 @@ def main() -> int:
     args = parser.parse_args()
     out: Path = args.out
     folder = out / "motorcycle"
-    folder.mkdir(parents=True, exist_ok=True)
     try:
-        write_scene(folder)
+        write_scene(Motorcycle(), folder, (500, 741))
     except ts.InputError as error:
         print(error, file=sys.stderr)
         return 2
     if args.photos:
-        write_room(out / "room")
+        write_scene(Room(WALK_PHOTOS), out / "room", (WALK_SIDE, WALK_SIDE))
         print(f"{folder}: 2 photos and their cameras\n{out / 'room'}: {WALK_PHOTOS} photos and their cameras")
         return 0
     full, runtime = ts.load_scene(folder), ts.Runtime()

@@ -10,7 +10,6 @@ processes of their own, whose time and memory are bounded.
 from __future__ import annotations
 
 import html
-import math
 import os
 import re
 import shutil
@@ -34,7 +33,7 @@ MOST_MEMORY = 12_000_000_000
 
 INTRODUCTION = """# TinySplat
 Drop a video of a place, filmed while walking slowly, or 10 to 60 photos of it, taken a small step apart. What comes out
-is a page that opens in any browser, offline too. How long it will take is said once the photos have been looked at.
+is a page that opens in any browser, offline too. What is being done is said all along.
 What you drop is deleted here within two hours."""
 KEPT_SECONDS = 3600
 
@@ -99,14 +98,10 @@ def lines_of(words: list[str]) -> Iterator[str]:
         raise gr.Error(last or f"ended after {MOST_SECONDS} s")
 
 
-def in_words(step: str, line: str, expected: str) -> tuple[str, str]:
-    """What is being done, for people, and what is known of how long it takes, of a line that a command says."""
-    if step == "encode" and (found := re.search(r"about (\d+) s\b", line)):
-        minutes = max(math.ceil(int(found[1]) / 60), 1)
-        expected = f"ready in about {minutes} minute{'s' * (minutes > 1)}"
+def in_words(step: str, line: str) -> str:
+    """What is being done, for people, of a line that a command says."""
     count = re.search(r"\b(\d+)/(\d+)$", line)
-    parts = [STEPS[step], f"{count[1]} of {count[2]}" if count else "", expected]
-    return ", ".join(filter(None, parts)), expected
+    return f"{STEPS[step]}, {count[1]} of {count[2]}" if count else STEPS[step]
 
 
 def make(files: list[str] | None) -> Iterator[tuple[str, str | None, list[str] | None]]:
@@ -128,7 +123,7 @@ def made(dropped: list[Path], folder: Path) -> Iterator[tuple[str, str | None, l
         source.mkdir()
         for number, photo in enumerate(sorted(dropped)):
             shutil.copy(photo, source / f"{number:04}{photo.suffix.lower()}")
-    expected = last = ""
+    last = ""
     for step, words in {
         "poses": command("poses", source, "-o", scene),
         "encode": command("encode", scene, "-o", file),
@@ -136,9 +131,8 @@ def made(dropped: list[Path], folder: Path) -> Iterator[tuple[str, str | None, l
     }.items():
         yield STEPS[step], None, None
         for line in lines_of(words):
-            told, expected = in_words(step, line, expected)
             last = line if step == "encode" else last
-            yield told, None, None
+            yield in_words(step, line), None, None
     shown = html.escape(page.read_text("utf-8"), quote=True)
     frame = f'<iframe style="width: 100%; height: 70vh; border: 0" title="The scene" srcdoc="{shown}"></iframe>'
     yield f"Ready: {last.replace(f'{folder}/', '')}", frame, [str(page), str(file)]

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from reference.transforms import pixel_centres, project_view, unproject_view
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat.reference.transforms import pixel_centres, project_view, unproject_view
 from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,

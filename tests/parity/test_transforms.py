@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from reference import transforms as reference
+from reference.transforms import project_view
 from scenes import make_smooth_gaussians
 
 from tinysplat import transforms as T
-from tinysplat.reference import transforms as reference
-from tinysplat.reference.transforms import project_view
 from tinysplat_runtime.codec.analysis import coefficient_moment, color_planes
 from tinysplat_runtime.codec.basis import (
     mean_magnitude_weighting,

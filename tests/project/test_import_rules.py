@@ -182,7 +182,7 @@ def test_only_commands_know_of_the_command_line() -> None:
 
 # ---- measuring ---------------------------------------------------------------------------------------------------
 
-MEASURED = ("tinysplat_runtime", "export", "tinysplat.networks", "tinysplat.rasteriser", "tinysplat.reference")
+MEASURED = ("tinysplat_runtime", "export", "tinysplat.networks", "tinysplat.rasteriser")
 
 
 def test_what_is_measured_never_imports_what_measures() -> None:

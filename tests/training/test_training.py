@@ -15,13 +15,12 @@ from torch import Tensor
 from tinysplat.training.__main__ import main
 from tinysplat.training.config import Config, DataSettings, OptimiserSettings, RunSettings, load_config
 from tinysplat.training.data import SampleStream
-from tinysplat.training.loop import CHECKPOINT, CURVES, train, train_step
+from tinysplat.training.loop import CHECKPOINT, train, train_step
 from tinysplat.training.losses import candidate_entropy, losses
 from tinysplat.training.procedural import procedural_sample
 from tinysplat.training.state import TrainingState, read_checkpoint
 from tinysplat.training.textures import SIZE, texture_bank
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import read_image
 
 TINY = DataSettings(side=32, large_side=32, textures=6, photo_share=0.5)
 QUICK = OptimiserSettings(batch=1, steps=4, warmup=2, cooldown=2)
@@ -110,9 +109,8 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(photos: Path
     whole = train(config, tmp_path / "whole", say=lambda line: None)
     train(tiny_config(photos, steps=2, cooldown=0), tmp_path / "parts", say=lambda line: None)
     resumed = train(config, tmp_path / "parts", resume=True, say=lambda line: None)
-    assert whole.step == resumed.step == 4 and len(whole.history) == len(resumed.history) == 4
+    assert whole.step == resumed.step == 4
     assert all(torch.equal(a, b) for a, b in zip(all_weights(whole), all_weights(resumed), strict=True))
-    assert read_image(tmp_path / "parts" / CURVES).std() > 0
     assert (tmp_path / "parts" / CHECKPOINT).stat().st_size <= 15 * 2**20
 
 

@@ -47,7 +47,6 @@ class Options:
         models: networks; empty for all that ship.
         qps: Q_g; empty for the study's own.
         views: numbers of photos; empty for the study's own.
-        limit: the largest list, or None for the study's own.
         size: (height, width) of photos, or None for the study's own.
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
         rounds: of timing; 0 for the study's own.
@@ -56,7 +55,6 @@ class Options:
     models: tuple[str, ...] = ()
     qps: tuple[float, ...] = ()
     views: tuple[int, ...] = ()
-    limit: int | None = None
     size: tuple[int, int] | None = None
     drawn: tuple[int, int] | None = None
     rounds: int = 0

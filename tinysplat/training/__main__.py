@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
         " scenes that are made on the way; docs/MODELS.md says how to export what comes of it.",
     )
     parser.add_argument("config", type=Path, metavar="CONFIG.toml")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for checkpoint and curves")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for the checkpoint")
     parser.add_argument("--minutes", type=float, help="stop after so long; default: at the configured step")
     parser.add_argument("--steps", type=int, metavar="N", help="stop after so many; default: at the configured step")
     parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")

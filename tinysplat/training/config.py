@@ -88,7 +88,7 @@ class RunSettings:
     Attributes:
         device: cpu, cuda, or auto for cuda where there is one.
         threads: of torch on the CPU; 0 leaves torch's choice.
-        log_steps: between lines and points of the curves.
+        log_steps: between lines of the log.
     """
 
     device: str = "auto"

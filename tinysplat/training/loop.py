@@ -17,15 +17,14 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.progress import working
 
 from .config import Config, OptimiserSettings
-from .curves import draw_curves
 from .data import SampleStream
 from .losses import losses
 from .samples import Sample
 from .state import TrainingState
 from .validation import validate, validation_samples
 
-CHECKPOINT, CURVES = "edge.pt", "curves.png"
-"""Files of a run, in its folder."""
+CHECKPOINT = "edge.pt"
+"""Of a run, in its folder."""
 
 VALIDATION_KINDS = ("near", "wide")
 VALIDATION_SIZE = (256, 256)
@@ -85,7 +84,7 @@ def train(
     steps: int | None = None,
     say: Say = print,
 ) -> TrainingState:
-    """Train until the configured step or for some minutes, and leave checkpoint and curves in a folder.
+    """Train until the configured step or for some minutes, and leave a checkpoint in a folder.
 
     Args:
         config: what to do.
@@ -157,14 +156,11 @@ class _Run:
                 self.validate()
             if time.monotonic() > self.saved + SAVE_SECONDS:
                 self.save()
-        if self.recent and not state.history:  # a run too short for a line of its own leaves curves, too
-            self.log()
 
     def log(self) -> None:
         """Means of the figures since the last time."""
         names = sorted({name for figures in self.recent for name in figures})
         means = {n: float(np.mean([figures[n] for figures in self.recent if n in figures])) for n in names}
-        self.state.history.append({"step": self.state.step, **means})
         self.recent.clear()
         text = ", ".join(f"{name} {value:.4g}" for name, value in means.items())
         self.say(f"step {self.state.step}, {self._minutes_left():.1f} minutes left: {text}")
@@ -189,14 +185,11 @@ class _Run:
             f"validation {kind}": float(np.mean([v for name, v in by_name.items() if name.endswith(kind)]))
             for kind in VALIDATION_KINDS
         }
-        self.state.history.append({"step": self.state.step, **means})
         self.say(f"step {self.state.step}: " + ", ".join(f"{k} {v:.3f} dB" for k, v in {**means, **by_name}.items()))
 
     def save(self) -> None:
-        """Checkpoint and curves."""
+        """Write the checkpoint."""
         self.state.save(self.folder / CHECKPOINT, self.config)
-        if self.state.history:
-            draw_curves(self.state.history, self.folder / CURVES)
         self.saved = time.monotonic()
 
 

@@ -56,7 +56,7 @@ class LossWeights:
 
 
 def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tuple[Tensor, dict[str, float]]:
-    """The loss (scalar) of a sample, and figures for the curves: its terms, PSNR, and the share of good depths."""
+    """The loss (scalar) of a sample, and figures for the log: its terms, PSNR, and the share of good depths."""
     terms: dict[str, Tensor] = {}
     figures: dict[str, float] = {}
     rendered = [(render_outputs(prediction.outputs, target.camera()), target.image) for target in sample.targets]
@@ -79,7 +79,7 @@ def losses(prediction: Prediction, sample: Sample, weights: LossWeights) -> tupl
 
 
 def _kind(zoom: float) -> str:
-    """Of a target that is drawn at a multiple of the views' size, for the curves."""
+    """Of a target that is drawn at a multiple of the views' size, for the log."""
     return "smaller" if zoom < 1 else "same size" if zoom == 1 else "enlarged"
 
 

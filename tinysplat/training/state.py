@@ -1,10 +1,10 @@
-"""A training run between two steps: weights, their average, optimiser, step and curves; saved and restored."""
+"""A training run between two steps: weights, their average, optimiser and step; saved and restored."""
 
 from __future__ import annotations
 
 import io
 import pickle
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,6 @@ class TrainingState:
         optimiser: AdamW with its moments.
         step: steps done.
         skipped: steps left out because their gradient was not finite.
-        history: points of the curves, each with its step and figures by name.
     """
 
     network: Edge
@@ -39,7 +38,6 @@ class TrainingState:
     optimiser: torch.optim.AdamW
     step: int = 0
     skipped: int = 0
-    history: list[dict[str, float]] = field(default_factory=list)
 
     @classmethod
     def fresh(cls, config: Config, device: torch.device) -> TrainingState:
@@ -91,7 +89,6 @@ class TrainingState:
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
             "skipped": self.skipped,
-            "history": self.history,
         }
         buffer = io.BytesIO()
         torch.save(content, buffer)
@@ -109,7 +106,7 @@ class TrainingState:
         state.network.load_state_dict(content["network"])
         state.average = content["average"]
         state.optimiser.load_state_dict(content["optimiser"])
-        state.step, state.skipped, state.history = content["step"], content["skipped"], content["history"]
+        state.step, state.skipped = content["step"], content["skipped"]
         return state
 
 

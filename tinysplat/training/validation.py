@@ -1,4 +1,4 @@
-"""PSNR of a network in torch on the windows of evaluation scenes: what the learning curves show."""
+"""PSNR of a network in torch on the windows of evaluation scenes: what the log of training says."""
 
 from __future__ import annotations
 
