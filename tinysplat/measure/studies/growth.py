@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -174,12 +175,20 @@ AXES = {
 """What grows, by study and axis, in the order of the table."""
 
 
-def growth_table(rows: Sequence[Row]) -> str:
+IN_SHORT = {
+    ("growth captures", "photos"): "photos of a capture to a file",
+    ("growth photos, encode", "pixels of a photo"): "pixels of each of two photos, to a file",
+    ("growth clouds, compiled", "Gaussians"): "Gaussians of a picture",
+}
+"""What README shows of them."""
+
+
+def growth_table(rows: Sequence[Row], axes: Mapping[tuple[str, str], str] = AXES) -> str:
     """A line per axis: from where to where, seconds (of processors for captures) and peak memory there, and
     by what power seconds grow.
     """
     growing, lines = grouped((row for row in rows if row.costs), "study", "subject"), []
-    for (study, axis), said in AXES.items():
+    for (study, axis), said in axes.items():
         members = sorted(growing.get((study, axis), []), key=lambda row: row.setting["x"])
         if len(members) < 2:
             continue
@@ -246,5 +255,12 @@ def photo_line(rows: Sequence[Row]) -> str:
 
 
 GROWTH = Study(
-    "Growth", growth_rows, {"growth": growth_table, "growth captures": capture_table, "growth photos": photo_line}
+    "Growth",
+    growth_rows,
+    {
+        "growth": growth_table,
+        "growth in short": partial(growth_table, axes=IN_SHORT),
+        "growth captures": capture_table,
+        "growth photos": photo_line,
+    },
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,8 +21,8 @@ from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from ..clock import timed
-from ..rows import Row
-from ..show.tables import Listing, duration, mean, said
+from ..rows import Row, of_study
+from ..show.tables import Listing, duration, format_table, mean, said
 from ..study import Run, Study
 
 STUDY = "poses"
@@ -88,4 +88,20 @@ _TABLE = Listing(
     },
 )
 
-PLACING = Study("Cameras from photos alone", placing_rows, {STUDY: _TABLE})
+
+def _in_short(rows: Sequence[Row]) -> str:
+    """A line per capture of which not all photos are placed right, and one for the others."""
+    own = of_study(rows, STUDY)
+    whole = [row for row in own if row.figures["right"] == 1]
+    lines = [
+        [row.subject, str(row.setting["photos"]), f"{row.figures['placed']:.0%}", f"{row.figures['right']:.0%}"]
+        for row in own
+        if row not in whole
+    ]
+    if whole:
+        counts = [row.setting["photos"] for row in whole]
+        lines.append([f"{len(whole)} others", f"{min(counts)}–{max(counts)}", "100%", "100%"])
+    return format_table(["scene", "photos", "placed", "right"], lines) if lines else ""
+
+
+PLACING = Study("Cameras from photos alone", placing_rows, {STUDY: _TABLE, f"{STUDY} in short": _in_short})

@@ -46,6 +46,9 @@ from ..subjects.captures import Capture, found_for
 
 STUDY, SPARED = "walk", "walk spared"
 ALONE, LISTED, REFINED = "network alone", "list", "refined walk"
+TRAINER = "OpenSplat"
+"""The way of rows by `checks/opensplat.py`, which trains on the same photos."""
+
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
@@ -75,19 +78,10 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     def row(way: str, photos: int, asked: int, figures: dict[str, float]) -> Row:
         return Row(STUDY, name, way, {"photos": photos, "asked": str(asked), "model": model, **size}, figures)
 
-    def to_photos(pictures: Iterable[NDArray]) -> dict[str, float]:
-        """Means of what pictures are judged by, and the worst picture's dB."""
-        pairs = zip(pictures, capture.targets.frames, strict=True)
-        scores = [
-            {name: metric(picture, frame.judged()) for name, metric in METRICS.items()} for picture, frame in pairs
-        ]
-        means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
-        return {**means, "worst": min(score["psnr"] for score in scores)}
-
     def drawn(gaussians: Gaussians) -> tuple[dict[str, float], float]:
         """What the pictures are like, and the CPU seconds of one."""
         pictures, cpu = cpu_of(lambda: list(map(Renderer(gaussians, run.threads).render, cameras)))
-        return to_photos(pictures), cpu / len(cameras)
+        return to_photos(pictures, capture.targets), cpu / len(cameras)
 
     def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> tuple[Row, bytes]:
         """A way with what its file is like, and the file."""
@@ -136,9 +130,17 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         Renderer(runtime.predict(given.views(pair), model), run.threads).render(camera)
         for pair, camera in zip(nearest, cameras, strict=True)
     ]
-    yield row("own pair", 2, COMPARED, to_photos(pairs))
+    yield row("own pair", 2, COMPARED, to_photos(pairs, capture.targets))
     shown = [rescaled(given.frames[pair[0]].image(), *drawn_at(run)) for pair in nearest]
-    yield row("nearest photo", 1, COMPARED, to_photos(shown))
+    yield row("nearest photo", 1, COMPARED, to_photos(shown, capture.targets))
+
+
+def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
+    """Means of what pictures are judged by against photos left out, and the worst picture's dB."""
+    pairs = zip(pictures, targets.frames, strict=True)
+    scores = [{name: metric(picture, frame.judged()) for name, metric in METRICS.items()} for picture, frame in pairs]
+    means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
+    return {**means, "worst": min(score["psnr"] for score in scores)}
 
 
 def _list(gaussians: Gaussians, scene: Scene, threads: int) -> Gaussians:
@@ -214,7 +216,7 @@ _IN_SHORT = {
     LISTED: "with `--mode list`",
     "nearest photo": "the nearest photo",
 }
-"""Ways that README shows, of as many photos as the others are compared with."""
+"""Ways of our own that README shows, of as many photos as the others are compared with."""
 
 _JUDGED = {
     "SSIM": _of_file("ssim", digits(3)),
@@ -223,15 +225,18 @@ _JUDGED = {
     "KB": mean("bytes", kilobytes),
 }
 
+
+def _short(rows: Sequence[Row]) -> str:
+    """What README calls a way; a trainer's also says how long it trained."""
+    row = rows[0]
+    return f"{TRAINER}, {row.setting['steps']:,} steps" if row.way == TRAINER else _IN_SHORT[row.way]
+
+
 _COLUMNS = {
-    "": _named,
     "photos": _photos,
-    "dB at photos left out": mean("psnr", decibels),
-    "worst picture": mean("worst", decibels),
-    "from the file": mean("coded", decibels),
-    "worst": mean("coded_worst", decibels),
+    "dB at photos left out": _of_file("psnr", decibels),
+    "worst": _of_file("worst", decibels),
     **_JUDGED,
-    "flicker": mean("flicker", digits(1)),
 }
 
 _STEPS = {
@@ -279,7 +284,10 @@ WALK = Study(
     walk_rows,
     {
         f"{STUDY} summary": Listing(
-            STUDY, _COLUMNS, by=("way", "asked", "drawn"), wanted=lambda row: ", Q_g" not in row.way
+            STUDY,
+            {"": _named, **_COLUMNS, "flicker": mean("flicker", digits(1))},
+            by=("way", "asked", "drawn"),
+            wanted=lambda row: ", Q_g" not in row.way,
         ),
         f"{STUDY} steps": Listing(
             STUDY,
@@ -311,18 +319,19 @@ WALK = Study(
             },
         ),
         f"{STUDY} scenes": Listing(
-            STUDY, {"scene": said("subject"), **_COLUMNS}, wanted=lambda row: row.way in (ALONE, STUDY, LISTED, REFINED)
+            STUDY,
+            {"scene": said("subject"), **_COLUMNS, "CPU s": mean("cpu", digits(0), "costs")},
+            wanted=lambda row: row.way in (ALONE, STUDY, LISTED, REFINED, TRAINER),
         ),
         f"{STUDY} in short": Listing(
             STUDY,
             {
-                "": lambda rows: _IN_SHORT[rows[0].way],
-                "dB at photos left out": _of_file("psnr", decibels),
-                "worst picture": _of_file("worst", decibels),
-                **_JUDGED,
+                "": _short,
+                **{head: cell for head, cell in _COLUMNS.items() if head != "photos"},
+                "CPU s": mean("cpu", digits(0), "costs"),
             },
-            by=("way",),
-            wanted=lambda row: row.way in _IN_SHORT and row.setting["asked"] == str(COMPARED),
+            by=("way", "steps"),
+            wanted=lambda row: row.way in (*_IN_SHORT, TRAINER) and row.setting["asked"] == str(COMPARED),
         ),
     },
     {f"{STUDY} steps": plot_steps},
