@@ -3,7 +3,7 @@
     python checks/opensplat.py OPENSPLAT SCENE… --steps 300,1000 --out rows.jsonl
 
 OPENSPLAT is the program of your own build (AGPL-3.0; nothing of it is here), SCENE a capture as `bench walk` takes it.
-It trains on the CPU from 24 photos of 256×256, their cameras, and the corners that three of them agree on. As shipped,
+It trains on the CPU from 24 photos of 256×256, their cameras, and corners that three of them agree on. As shipped,
 its schedule is one of 30,000 steps, and a short run never gets to detail; here it is fitted to the steps: photos of 64
 and 128 pixels for a fifth of them each, more Gaussians at two, three and four tenths, one degree of colour more every
 quarter. What it has written is drawn at the photos left out as 3DGS defines, by our renderer. Rows come as `walk` of
@@ -28,26 +28,34 @@ from tinysplat.measure.clock import cpu_of
 from tinysplat.measure.rows import Row
 from tinysplat.measure.studies.walking import COMPARED, STUDY, TRAINER, to_photos
 from tinysplat.measure.subjects.captures import Capture, found_for
-from tinysplat.measure.subjects.corners import agreed_corners
 from tinysplat_runtime.render import DEFINITION, Renderer
+from tinysplat_runtime.scene.matches import corners, depths_of, matched
+from tinysplat_runtime.scene.neighbours import nearest_places, view_places
 from tinysplat_runtime.scene.pictures import write_png
 
 SIDE = 256
+PARTNERS, ALIKE = 8, 1.3
+"""Nearest photos that a photo's corners are looked for in, and how many times the least depth the greatest may be."""
 
 
 def corner_points(scene: ts.Scene) -> tuple[NDArray, NDArray]:
-    """World places (N, 3) of corners that photos agree on, one of each pixel's width, and colours (N, 3) uint8."""
-    places, colours, widths = [], [], []
-    for frame, corners in zip(scene.frames, agreed_corners(scene), strict=True):
-        depth = 1 / corners.inverse[:, None]
-        rays = np.column_stack([corners.places, np.ones(len(depth))]) @ np.linalg.inv(frame.camera.K).T
-        places.append(rays * depth @ frame.camera.rotation + frame.camera.centre)
-        column, row = corners.places.astype(int).T
-        colours.append((255 * frame.image()[row, column]).round().astype(np.uint8))
-        widths.append(depth[:, 0] / frame.camera.K[0, 0])
-    every, width = np.concatenate(places), np.median(np.concatenate(widths))
-    _, first = np.unique(np.floor(every / width).astype(np.int64), axis=0, return_index=True)
-    return every[first], np.concatenate(colours)[first]
+    """World places (N, 3) of corners whose depth three photos agree on, and their colours (N, 3) uint8."""
+    cameras, found = scene.cameras, [corners(frame.image()) for frame in scene.frames]
+    nearest = nearest_places(view_places(cameras, *scene.depth_range()), min(PARTNERS, len(cameras) - 1))
+    places, colours = [], []
+    for frame, own, partners in zip(scene.frames, found, nearest, strict=True):
+        depths: dict[tuple[float, float], list[float]] = {}
+        for partner in partners:
+            pairs = matched(own, found[partner])
+            for place, depth in zip(pairs, depths_of(pairs, frame.camera, cameras[partner]), strict=True):
+                if depth > 0:
+                    depths.setdefault(tuple(place[:2]), []).append(depth)
+        for (x, y), known in depths.items():
+            if len(known) > 1 and max(known) < ALIKE * min(known):
+                ray = np.linalg.solve(frame.camera.K, (x, y, 1))
+                places.append(np.median(known) * ray @ frame.camera.rotation + frame.camera.centre)
+                colours.append((255 * frame.image()[int(y), int(x)]).round().astype(np.uint8))
+    return np.stack(places), np.stack(colours)
 
 
 def write_project(folder: Path, scene: ts.Scene) -> None:
