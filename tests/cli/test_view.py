@@ -14,10 +14,9 @@ from pathlib import Path
 import console
 import numpy as np
 import pytest
-from scenes import make_list, make_smooth_gaussians, refused, write_scene
+from scenes import make_list, make_smooth_gaussians, write_scene
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.cli.player import write_player
 from tinysplat_runtime.cli.view import serve
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
@@ -71,27 +70,10 @@ def test_a_page_is_served_to_this_machine_alone(monkeypatch: pytest.MonkeyPatch,
     assert address in out.split() and err == "" and opened.empty()
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("--networks none", ("--networks", "--player", "--html")),
-        ("--networks none --player", ("--networks", "--player", "--html")),
-        ("--networks none --html NEW", ("--networks", "--player", "--html")),
-        ("--player", ("--player", "--html")),
-        ("", ("F: ", "--player")),
-    ],
-)
+@pytest.mark.parametrize(("words", "named"), [("--player", ("--player", "--html")), ("", ("F: ", "--player"))])
 def test_what_is_missing_is_said(tmp_path: Path, words: str, named: tuple[str, ...]) -> None:
-    said = console.fail("view", *words.replace("NEW", str(tmp_path / "new")).split())
+    said = console.fail("view", *words.split())
     assert all(name in said for name in named)
-
-
-@pytest.mark.parametrize("text", [None, "{", "[]", json.dumps({"name": "three"})])
-def test_folders_that_are_not_onnxruntime_web_are_refused(tmp_path: Path, text: str | None) -> None:
-    if text is not None:
-        (tmp_path / "package.json").write_text(text)
-    message = refused(lambda package: write_player(str(tmp_path / "out"), str(package)), tmp_path)
-    assert "onnxruntime-web" in message
 
 
 def test_a_page_is_one_file_of_a_scene_and_its_photos_and_a_player_one_of_none(folder: Path, tmp_path: Path) -> None:

@@ -122,20 +122,3 @@ def test_files_of_photos_become_gaussians_in_the_page(encoded: dict[str, Path], 
     done = tinysplat("view", photos, "--html", tmp_path / "p.html")
     assert done.returncode == 0, done.stderr
     assert ts.inspect(file_of(Elements((tmp_path / "p.html").read_text())))["mode"] == "gaussians"
-
-
-def test_a_player_with_networks_is_a_folder_for_a_server(tmp_path: Path) -> None:
-    package = tmp_path / "onnxruntime-web"
-    (package / "dist").mkdir(parents=True)
-    for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm"):
-        (package / "dist" / name).write_text(name)
-    (package / "package.json").write_text('{"name": "onnxruntime-web"}')
-    done = tinysplat("view", "--player", "--html", tmp_path / "out", "--networks", package)
-    assert done.returncode == 0, done.stderr
-    page = Elements((tmp_path / "out" / "index.html").read_text())
-    networks = json.loads(page.texts["scene"])["networks"]
-    for digest, model in networks["models"].items():
-        data = (tmp_path / "out" / model["file"]).read_bytes()
-        assert hashlib.sha256(data).hexdigest() == digest
-    assert (tmp_path / "out" / networks["wasm"]).read_text() == networks["wasm"]
-    assert "'wasm-unsafe-eval'" in page.policy

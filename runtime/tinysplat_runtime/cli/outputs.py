@@ -45,7 +45,7 @@ def check_inputs(args: Namespace) -> None:
 def check_outputs(args: Namespace) -> None:
     """Refuse outputs that are no files of this machine's, and those that are there already without `--force`."""
     example = f"scene{_EXAMPLES.get(args.command, SUFFIX)}"
-    is_folder = getattr(args, "networks", None) or getattr(args, "as_files", False)
+    is_folder = getattr(args, "as_files", False)
     for name, option in OUTPUTS.items():
         path = getattr(args, name, None)
         if path is None or is_standard(path):

@@ -230,14 +230,6 @@ def _view(commands: Commands) -> None:
         action="store_true",
         help="--html writes a page without a scene, which opens files dropped on it, chosen, or named by ?file=URL",
     )
-    parser.add_argument(
-        "--networks",
-        nargs="?",
-        const="node_modules/onnxruntime-web",
-        metavar="PACKAGE",
-        help="with --player: --html names a folder for a web server, with networks for files of photos and"
-        " onnxruntime-web to run them, copied from npm's package; default node_modules/onnxruntime-web",
-    )
     parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
     parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
     parser.add_argument(

@@ -36,7 +36,6 @@ from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from ..system.printable import printable
-from .player import write_player
 
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
@@ -52,13 +51,9 @@ FOREIGN_HOST = "This page is for this machine: open it at http://127.0.0.1, or w
 
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
-    if args.networks:
-        if not (args.player and args.html):
-            raise InputError("goes with --player --html FOLDER", where="--networks")
-        written = write_player(args.html, args.networks)
-    elif args.player and args.file is not None:
+    if args.player and args.file is not None:
         raise InputError("goes without --player, whose page opens files that are dropped on it", where=args.file)
-    elif args.player:
+    if args.player:
         written = _written(args.html, player_page())
     elif args.file is None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")

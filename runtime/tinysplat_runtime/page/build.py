@@ -25,8 +25,8 @@ from ..scene.pictures import jpeg_bytes
 from ..web import bundled
 
 _POLICY = (
-    "default-src 'none'; base-uri 'none'; form-action 'none'; script-src {start} blob:{networks}; "
-    "worker-src blob:{beside}; style-src {style}; img-src data: blob:; connect-src {sources}"
+    "default-src 'none'; base-uri 'none'; form-action 'none'; script-src {start} blob:; "
+    "worker-src blob:; style-src {style}; img-src data: blob:; connect-src {sources}"
 )
 
 JPEG_QUANTISER = 5
@@ -117,15 +117,9 @@ def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
     return {"index.html": page.encode()} | files | pictures
 
 
-def player_page(networks: Mapping[str, object] | None = None) -> str:
-    """A page without a scene, which opens files that are dropped on it, chosen, or named by `?file=URL`.
-
-    Args:
-        networks: what lies beside the page to run networks with, for files of photos (network.js has the fields); None
-            where nothing does.
-    """
-    scene = {"cameras": [], "photos": {}, "isPlayer": True, "networks": networks}
-    return _page("TinySplat player", scene, "", sources="* data: blob:", has_networks=networks is not None)
+def player_page() -> str:
+    """A page without a scene, which opens files that are dropped on it, chosen, or named by `?file=URL`."""
+    return _page("TinySplat player", {"cameras": [], "photos": {}, "isPlayer": True}, "", sources="* data: blob:")
 
 
 def scripts() -> tuple[str, str]:
@@ -156,24 +150,10 @@ def _scene(shown: Shown, photos: Mapping[int, str], source: str | None) -> dict[
     return said if shown.background is None else {**said, "background": shown.background}
 
 
-def _page(
-    title: str,
-    scene: Mapping[str, object],
-    file: str,
-    *,
-    sources: str,
-    poster: str | None = None,
-    has_networks: bool = False,
-) -> str:
+def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, poster: str | None = None) -> str:
     code = json.dumps(scripts()).encode()
     start, style = _text("start.js"), _text("style.css")
-    policy = _POLICY.format(
-        start=_hash(start),
-        style=_hash(style),
-        sources=sources,
-        networks=" 'self' 'wasm-unsafe-eval'" * has_networks,
-        beside=" 'self'" * has_networks,
-    )
+    policy = _POLICY.format(start=_hash(start), style=_hash(style), sources=sources)
     packed = _base85(gzip.compress(code, 9, mtime=0))
     return _filled(
         title,

@@ -4,7 +4,6 @@ import { makeCloud } from "./cloud.js";
 import { bytesByUse, captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
 import { frontView } from "./front.js";
 import { FEW } from "./near.js";
-import { networkRunner } from "./network.js";
 import { sceneOf, viewOf } from "./scene.js";
 import { mostDrawn } from "./splats.js";
 import { viewFrom, viewText } from "./view.js";
@@ -340,7 +339,7 @@ class Page {
       if (isFirst) this.#begun();
     };
     const options = {
-      signal, threads: THREADS, limits: MOST, network: this.given.networks ? networkRunner(this.given.networks) : undefined,
+      signal, threads: THREADS, limits: MOST,
       onPicture: () => { if (about) find("status").textContent = `Loading … ${Math.min(99, Math.floor((100 * ++this.pictures) / picturesOf(about)))} %`; },
     };
     this.pictures = 0;
