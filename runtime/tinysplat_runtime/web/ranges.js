@@ -15,7 +15,7 @@ export function rangesOf(url, signal, silentMs = SILENT_MS) {
   const where = String(url);
   return async (offset, length) => {
     const gaveUp = new AbortController();
-    const both = signal ? anySignal(signal, gaveUp.signal) : gaveUp.signal;
+    const both = AbortSignal.any([gaveUp.signal, ...(signal ? [signal] : [])]);
     const slow = new TsplatError(`the server says nothing for ${silentMs / 1000} s`, where);
     let timer = setTimeout(() => gaveUp.abort(slow), silentMs);
     try {
@@ -44,14 +44,4 @@ export function rangesOf(url, signal, silentMs = SILENT_MS) {
       gaveUp.abort(); // nothing more of the body is received
     }
   };
-}
-
-/** @param {AbortSignal} outer @param {AbortSignal} inner */
-export function anySignal(outer, inner) {
-  const both = new AbortController();
-  for (const signal of [outer, inner]) {
-    if (signal.aborted) both.abort(signal.reason);
-    signal.addEventListener("abort", () => both.abort(signal.reason), { once: true, signal: both.signal });
-  }
-  return both.signal;
 }

@@ -9,7 +9,7 @@ import { LIMITS, isWorth, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
 import { TsplatError, require } from "./errors.js";
-import { anySignal, rangesOf } from "./ranges.js";
+import { rangesOf } from "./ranges.js";
 import { HEADER_BYTES, label, metadataBytes, tableBytes } from "./sections.js";
 import { COLOR, ROTATION, channelName, channelsOf } from "./table.js";
 
@@ -70,7 +70,7 @@ function reading({ limits, recover = false, views }, isPrefix) {
 async function decodeContainer(file, options, known) {
   options.signal?.throwIfAborted();
   const failed = new AbortController();
-  const signal = options.signal ? anySignal(options.signal, failed.signal) : failed.signal;
+  const signal = AbortSignal.any([failed.signal, ...(options.signal ? [options.signal] : [])]);
   crew.wanted = options.threads ?? processors();
   const pictures = new Pictures(file, signal, options.recover ?? false, known);
   pictures.tell = options.onPicture;
