@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tinysplat.measure.curves import bytes_at
+from tinysplat.measure.studies.lists import bytes_at
 
 
 def line(share: float = 1.0, shift: float = 0.0, decibels: tuple[float, ...] = (30, 32, 34, 36)) -> list:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from scenes import make_photo, make_smooth_gaussians, refusing
+from scenes import make_photo, refusing
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
 from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
-from tinysplat.measure.metrics import METRICS, depth_errors, flip, plane_errors, psnr, sharpness, ssim
+from tinysplat.measure.metrics import METRICS, depth_errors, flip, psnr, sharpness, ssim
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.graphs.inference import GraphStore
 
 
 def photo(height: int = 40, width: int = 52, seed: int = 0) -> np.ndarray:
@@ -104,16 +102,6 @@ def test_depth_errors_are_nan_where_nothing_is_known():
     assert math.isnan(depth_errors(np.ones((2, 2)), np.zeros((2, 2)))["covered"])
     with pytest.raises(InputError):
         depth_errors(np.ones((2, 2)), np.ones((2, 3)))
-
-
-def test_plane_errors_tell_depth_from_offset():
-    original = make_smooth_gaussians()
-    centres = np.stack([camera.centre for camera in original.cameras])[:, None, None]
-    along = (original.means - centres) * 1.1 + centres
-    errors = plane_errors(original, replace(original, means=along, scales=original.scales * 1.1), GraphStore())
-    assert errors["depth"]["rmse"] == pytest.approx(0.1 * 3, rel=0.1)
-    assert errors["offset"]["max"] < 1e-3 and errors["scale"]["max"] < 1e-4
-    assert errors["rotation"]["max"] == errors["opacity"]["max"] == 0
 
 
 # ---- LPIPS -------------------------------------------------------------------------------------------------------

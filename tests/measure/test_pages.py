@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 from measure.tiny_runs import shows
 from scenes import refusing
 
-from tinysplat.measure.machine import changed_since, git
-from tinysplat.measure.pages import commits_of_rows, fill_pages, filled, pages
+from tinysplat.measure.pages import fill_pages, filled, pages
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.show import quality
 from tinysplat.measure.studies import STUDIES, find_study
@@ -49,26 +47,6 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
     for words in ("nonsense", "list"):  # no table of that name, no rows of that study
         with refusing(InputError, f"'{words}'"):
             filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
-
-
-def test_figures_of_other_code_are_told_by_the_commits_of_their_runs(tmp_path):
-    checkout = ("-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c")
-    commits = []
-    for text in ("one", "two"):
-        (tmp_path / "runtime").mkdir(exist_ok=True)
-        (tmp_path / "runtime" / "code.py").write_text(text)
-        for words in (("init", "-q"), ("add", "."), ("commit", "-q", "-m", text)):
-            subprocess.run(["git", *checkout, *words], check=True)
-        commits.append(git(tmp_path, "rev-parse", "HEAD"))
-    (tmp_path / "README.md").write_text("<!-- measured day/rows.jsonl: formats --><!-- end -->")
-    file = RowFile(tmp_path / "benchmarks" / "reports" / "day" / ROWS)
-    file.add(row("balanced"))
-    assert commits_of_rows(tmp_path) == {"day/rows.jsonl": []}
-    for commit in commits:
-        file.add(Row("run", commit, "formats", {}, {"commit": commit}))
-    assert commits_of_rows(tmp_path) == {"day/rows.jsonl": commits}
-    found = [changed_since(commit, tmp_path) for commit in (*commits, "nonsense")]
-    assert found == [["runtime/code.py"], [], None]
 
 
 def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):

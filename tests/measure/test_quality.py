@@ -161,8 +161,7 @@ def test_a_row_says_what_coding_cost(measured):
     assert fine["psnr_raw"] == coarse["psnr_raw"] and fine["psnr_photo"] < fine["psnr_raw"]
     assert 0 < fine["coverage"] <= 1 and fine["psnr_covered"] is not None
     assert {"network", "render"} < set(fine["seconds"]) and min(fine["seconds"].values()) >= 0
-    assert fine["attribute_errors"]["world"]["means"]["rmse"] < coarse["attribute_errors"]["world"]["means"]["rmse"]
-    assert fine["attribute_errors"]["planes"]["depth"]["max"] > 0
+    assert fine["attribute_errors"]["means"]["rmse"] < coarse["attribute_errors"]["means"]["rmse"]
     assert fine["lpips"] is None and fine["lpips_raw"] is None
     depth = fine["depth"]
     assert 0 < depth["raw"]["covered"] <= 1 and depth["raw"]["abs_rel"] < 1 and depth["decoded"]["rmse"] < PLANE_Z

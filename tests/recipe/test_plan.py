@@ -11,7 +11,7 @@ from scenes import Heard
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.recipe.encode import encode
-from tinysplat_runtime.recipe.plan import expected_bytes
+from tinysplat_runtime.recipe.prepare import expected_bytes
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.scenes import Frame, Scene
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from tinysplat.measure.machine import changed_since, run_row
-from tinysplat.measure.pages import commits_of_rows, fill_pages, write_report
+from tinysplat.measure.machine import run_row
+from tinysplat.measure.pages import fill_pages, write_report
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
@@ -54,7 +54,7 @@ def configure(parser: ArgumentParser) -> None:
         help=f"the report's folder; default {DEFAULT_FOLDER}",
     )
     parser.add_argument("--quick", action="store_true", help="the short form: smaller pictures, fewer variants")
-    parser.add_argument("--docs", action="store_true", help="fill pages from rows; status 2 if older than code")
+    parser.add_argument("--docs", action="store_true", help="fill pages from rows")
     parser.add_argument(
         "--model",
         dest="models",
@@ -145,14 +145,3 @@ def _fill(*, quiet: bool) -> None:
     changed = fill_pages(ROOT)
     if not quiet:
         print("\n".join(str(path.relative_to(ROOT)) for path in changed) or "every figure is that of its rows")
-    stale = []
-    for file, commits in commits_of_rows(ROOT).items():
-        since = [changed_since(commit, ROOT) for commit in commits]
-        if not quiet:
-            counts = ("unknown to git" if files is None else f"{len(files)} files changed since" for files in since)
-            made = "; ".join(f"{commit}, {count}" for commit, count in zip(commits, counts, strict=True))
-            print(f"{file}: measured at {made or 'a commit that it does not name'}")
-        if not commits or any(files != [] for files in since):
-            stale.append(file)
-    if stale:
-        raise InputError(f"the pages are filled, but of other code's figures: {', '.join(stale)}", where="bench --docs")

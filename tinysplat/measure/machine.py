@@ -76,21 +76,13 @@ def run_row(way: str, began: float, **setting: object) -> Row:
 
 
 def commit() -> str | None:
-    """The commit of the checkout that this file lies in, `+` behind it where files differ from it."""
+    """The commit of the checkout that this file lies in, `+` behind it where files that figures depend on differ."""
     folder = Path(__file__).resolve().parents[2]
     try:
         if Path(git(folder, "rev-parse", "--show-toplevel")).resolve() != folder:
             return None
         changed = git(folder, "status", "--porcelain", "--untracked-files=no", "--", *DEPENDED_ON)
         return git(folder, "rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
-    except (OSError, subprocess.SubprocessError):
-        return None
-
-
-def changed_since(commit: str, folder: Path) -> list[str] | None:
-    """Files of the checkout `folder` that figures depend on and that differ from a commit's; None if it is unknown."""
-    try:
-        return git(folder, "diff", "--name-only", commit, "--", *DEPENDED_ON).splitlines()
     except (OSError, subprocess.SubprocessError):
         return None
 

@@ -28,12 +28,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.codec.analysis import project_layer
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussian.difference import layer_pairs, spread
-from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.planes import GEOMETRY, PlaneClass
-from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.system.decibels import decibels
 
 SSIM_WINDOW = 11
@@ -162,41 +157,6 @@ def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:
         "right": float(np.mean(np.maximum(d / t, t / d) < DEPTH_RATIO)),
         "covered": float(both.sum() / known.sum()),
     }
-
-
-def plane_errors(original: Gaussians, decoded: Gaussians, store: GraphStore) -> dict[str, dict[str, float]]:
-    """Root mean square and largest error in the units of the codec's planes, over all layers.
-
-    Depth in scene units along z, offset and (projected) scale in pixels, rotation as the largest-component distance of
-    camera-frame quaternions of either sign, opacity as it is. Colour planes are a basis of each file's own, so colours
-    are compared as SH coefficients (`gaussian/difference.py`).
-
-    Args:
-        original: per pixel, with cameras.
-        decoded: of the same layers.
-        store: opens the projection graph.
-
-    Returns:
-        {plane class: {"rmse", "max"}}.
-
-    Raises:
-        InputError: layers differ, or Gaussians have no cameras.
-    """
-    classes = [*GEOMETRY]
-    errors: dict[str, list[NDArray]] = {c.label: [] for c in classes}
-    for a, b in layer_pairs(original, decoded):
-        if not a.is_per_pixel:
-            raise InputError("a list; planes need cameras", where="gaussians")
-        projected = [
-            project_layer(store, layer.with_cameras(a.cameras), drop_invalid=True, where="gaussians")
-            for layer in (a, b)
-        ]
-        for plane_class in classes:
-            x, y = (p.planes(plane_class).astype(np.float64) for p in projected)
-            if plane_class == PlaneClass.ROTATION:  # q and −q are one rotation
-                y = y * np.where((x * y).sum(axis=1, keepdims=True) < 0, -1, 1)
-            errors[plane_class.label].append(x - y)
-    return {name: spread(parts) for name, parts in errors.items()}
 
 
 def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, NDArray]:

@@ -118,13 +118,6 @@ def fill_pages(root: Path) -> list[Path]:
     return changed
 
 
-def commits_of_rows(root: Path) -> dict[str, list[str]]:
-    """Files of rows that pages are filled from, with the commits that their runs were made at, as far as they say."""
-    files = {match["file"] for page in pages(root) for match in _MARK.finditer(page.read_text("utf-8"))}
-    runs = {file: [row for row in read_rows(root / REPORTS / file) if row.study == RUN] for file in sorted(files)}
-    return {file: list(dict.fromkeys(row.figures.get("commit") or "?" for row in rows)) for file, rows in runs.items()}
-
-
 def _plotted(match: re.Match[str], root: Path, page: Path) -> str:
     """A plot drawn anew beside its page, and the line that says which report it is of; as it was where none has it."""
     draw = _shown("plots", match["plot"], page.name)

@@ -28,7 +28,7 @@ from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .machine import describe_machine
-from .metrics import METRICS, depth_errors, plane_errors, psnr
+from .metrics import METRICS, depth_errors, psnr
 from .pictures import PictureJudge, PictureMetric, Rendered, photo_psnr
 from .rows import Row, grouped
 from .runner import RunOutcome, WindowJob
@@ -178,10 +178,7 @@ def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: Pictu
         "metadata_bytes": described["metadata_bytes"],
         "raw_bytes": sum(getattr(layer, name).nbytes for layer in case.gaussians.layers for name in FIELDS),
         "gaussians": case.gaussians.count,
-        "attribute_errors": {
-            "world": attribute_errors(case.gaussians, decoded),
-            "planes": plane_errors(case.gaussians, decoded, runtime.store),
-        },
+        "attribute_errors": attribute_errors(case.gaussians, decoded),
         "per_image": per_image,
         **prepared.shared,
     }

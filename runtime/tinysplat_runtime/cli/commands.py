@@ -31,6 +31,18 @@ def decode(args: Namespace) -> None:
         write_json(args.report, file_report(described, watch))
 
 
+def convert(args: Namespace) -> None:
+    """Gaussian files to another format; several become one."""
+    from ..formats.check import file_loss  # draws
+
+    if args.check and args.points:
+        raise InputError("given with --points, which writes no Gaussians to compare", where="--check")
+    writing, watch = writing_of(args), Stopwatch()
+    gaussians = writing.write([(file, writing.reading.load(file, watch)) for file in args.files], watch)
+    if args.check:
+        print(f"{args.output}: {file_loss(args.output, gaussians)}")
+
+
 def info(args: Namespace) -> None:
     """What a file holds."""
     from .describe import describe_gaussians, gaussians_text, info_text

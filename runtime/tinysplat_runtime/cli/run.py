@@ -26,7 +26,7 @@ from ..system.printable import printable
 from ..system.progress import still_there
 from .parser import build_parser, join_commands, missing_extra
 
-_MODULES = {"encode": "encode", "compress": "encode", "convert": "convert", "render": "render", "view": "view"}
+_MODULES = {"encode": "encode", "compress": "encode", "render": "render", "view": "view"}
 """Where the function of a command stands that is not in `commands`."""
 
 _NEGATIVES = re.compile(r"-[0-9.][-+0-9.eEx]*(,[-+0-9.eE]+)*")

@@ -77,8 +77,7 @@ def encode(
         InputError: the scene or an option cannot be used, or memory does not suffice.
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
-    from .plan import expected_bytes
-    from .prepare import ALL_VIEWS
+    from .prepare import ALL_VIEWS, expected_bytes
     from .refinement import chosen
 
     stats, refined = stats or EncodeStats(), RefineStats()

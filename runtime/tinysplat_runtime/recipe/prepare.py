@@ -42,6 +42,10 @@ SAME_PLACE = 1e-9
 WIDE = 200.0
 """Times near that far is, from which on a stated range is held against what photos agree about."""
 
+PHOTO_BYTES, BYTES_EXPONENT = 26_000, 0.69
+"""Bytes of a photo of 256×256 by default, and how they grow with its pixels that count; captures of 16 to 45 photos
+took 23,000 to 29,000."""
+
 SAID_CROP, MOST_CROP = 0.01, 1 / 3
 """Of a photo: a crop of more than the first is said, and one of more than the second refused, as width and height may
 have been exchanged; a square of it is always meant."""
@@ -260,6 +264,14 @@ def _say_wide(scene: Scene, told: Told) -> None:
     except InputError:
         seen = "about none"
     told.say("notice", f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {seen}", scene.path)
+
+
+def expected_bytes(scene: Scene) -> float:
+    """Of the file of photos as the network will have them, where they are coded by default."""
+    camera = scene.cameras[0]
+    known = (frame.known() for frame in scene.frames)
+    counted = (camera.width * camera.height * (1.0 if which is None else float(which.mean())) for which in known)
+    return sum(PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT for pixels in counted)
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:

@@ -15,9 +15,6 @@ from ..errors import InputError
 JsonObject: TypeAlias = dict[str, Any]
 """What `json` makes of an object, or can make one of."""
 
-JsonObject: TypeAlias = JsonObject
-"""What `json` makes of an object, or can make one of."""
-
 MAX_DEPTH = 1e30
 """Depths in float32, and what they are multiplied with, stay finite below it."""
 

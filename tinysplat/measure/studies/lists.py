@@ -10,10 +10,13 @@ from the fifth on, which training should not have seen, and are held against the
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.codec.list.encoder import ListEncoder
@@ -29,7 +32,6 @@ from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
-from ..curves import bytes_at
 from ..pictures import PictureJudge
 from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
@@ -47,6 +49,9 @@ UNSEEN = slice(4, None, 8)
 _ROOM_VIEWS, _DEGREE = 2, 3
 
 OURS, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, all kept"
+
+Point = tuple[float, float]
+"""Bytes of a file, and dB of its pictures."""
 
 OTHERS = {"SPZ v4": ".spz", "SOG": ".sog", "compressed PLY": ".compressed.ply"}
 """Other formats as `convert` writes them: suffixes."""
@@ -114,6 +119,25 @@ def _share(rows: Sequence[Row]) -> str:
     """What ours takes at the same dB, between its own points."""
     figures = rows[0].figures
     return f"{figures['bytes_ours'] / figures['bytes']:.0%}" if "bytes_ours" in figures else ABSENT
+
+
+def bytes_at(points: Iterable[Point], db: float) -> float | None:
+    """Bytes that a curve needs for a PSNR, between its points; None outside them."""
+    from scipy.interpolate import PchipInterpolator
+
+    curve = _curve(points)
+    if len(curve) < 2 or not curve[0, 0] <= db <= curve[-1, 0]:
+        return None
+    return float(np.exp(PchipInterpolator(*curve.T)(db)))
+
+
+def _curve(points: Iterable[Point]) -> NDArray:
+    """(n, 2) dB and log bytes, rising in both: of points that others beat in both, none is kept."""
+    kept: list[tuple[float, float]] = []
+    for size, db in sorted(points, key=lambda p: (p[0], -p[1])):
+        if not kept or db > kept[-1][0]:
+            kept.append((db, float(np.log(size))))
+    return np.array(kept).reshape(-1, 2)
 
 
 def _in_short(way: str, qp: float | None = None) -> Cell:

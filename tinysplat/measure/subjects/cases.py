@@ -177,11 +177,6 @@ class Case:
         depths = (None,) * (len(views) + len(cameras))
         return replace(self, cameras=(*views, *cameras), photos=(*images, *photos), depths=depths)
 
-    def only(self, count: int) -> Case:
-        """Its first `count` cameras alone."""
-        cut = {name: getattr(self, name)[:count] for name in ("cameras", "photos", "depths")}
-        return replace(self, **cut)
-
 
 def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
     """What a network makes of a window's photos, held against its targets."""

@@ -4,10 +4,9 @@ Scene folders bring their windows in `eval_index.json`, data sets in public indi
 
     {"near": 2.0, "far": 9.7, "windows": [{"kind": "near", "context": [2, 5], "target": [3, 4]}, …]}
 
-A Gaussian file is a window of its own, without photos: its targets are the cameras in its arrays `target_K` and
-`target_c2w`, or else the midpoints between neighbouring views. What cannot be used is left out with the reason, by
-window where one window is at fault, by scene otherwise. Trust boundary: files are bounded in size, and what they hold
-is checked field by field.
+A Gaussian file is a window of its own, without photos: its targets are the midpoints between neighbouring views.
+What cannot be used is left out with the reason, by window where one window is at fault, by scene otherwise. Trust
+boundary: files are bounded in size, and what they hold is checked field by field.
 """
 
 from __future__ import annotations
@@ -182,12 +181,6 @@ class FileSource:
     def _targets(self, gaussians: Gaussians) -> list[Camera]:
         if not gaussians.is_per_pixel:
             raise InputError("no cameras, expected K and c2w per view", where=str(self.path))
-        size = {"width": gaussians.cameras[0].width, "height": gaussians.cameras[0].height}
-        if self.path.suffix == ".npz":
-            with np.load(self.path, allow_pickle=False) as arrays:
-                if {"target_K", "target_c2w"} <= set(arrays.files):
-                    pairs = zip(arrays["target_K"], arrays["target_c2w"], strict=True)
-                    return [Camera(K, c2w, **size) for K, c2w in pairs]
         if len(gaussians.cameras) == 1:
             return list(gaussians.cameras)
         return [between(pair, 3)[1] for pair in pairwise(gaussians.cameras)]
