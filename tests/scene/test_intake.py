@@ -119,17 +119,6 @@ def test_distorted_photos_show_points_where_the_pinhole_camera_does(tmp_path: Pa
     assert small.image().shape == (40, 40, 3)
 
 
-def test_distortion_without_the_package_names_the_remedy(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pycolmap", None)
-    assert 'pip install "tinysplat[poses]"' in refusal(write_transforms(folder, transforms(k1=0.1)))
-
-
-def test_only_what_lies_before_the_camera_counts_for_the_depth_range() -> None:
-    nowhere = np.array([0, -2, -0.5, np.nan, np.inf])
-    assert depth_range(nowhere) == (None, None)
-    assert depth_range(np.append(nowhere, [2, 2.5, 8])) == depth_range(np.array([2, 2.5, 8]))
-
-
 def test_depths_are_those_of_points_in_some_picture() -> None:
     camera = Camera([[20.0, 0, 16], [0, 20, 12], [0, 0, 1]], np.eye(4), WIDTH, HEIGHT)
     c2w = np.eye(4)
@@ -180,25 +169,17 @@ def test_a_scene_goes_on_without_points_that_cannot_be_read(folder: Path, points
     [
         ({"frames": []}, "frames"),
         ({"fl_x": None, "fl_y": None}, "fl_x None"),
-        ({"fl_x": 0, "fl_y": 0}, "fl_x camera_angle_x"),
         ({"camera_model": "EQUIRECTANGULAR"}, "camera_model EQUIRECTANGULAR OPENCV"),
         ({"k1": "a"}, "k1"),
         ({"w": 31.5}, "31.5"),
-        ({"w": 0}, "width"),
         ({"near": None}, "--near"),
-        ({"camera_angle_x": 4.0}, "camera_angle_x 4"),
-        ({"fl_x": 1e12}, "fl_x"),
         ({"fl_x": True}, "fl_x True"),
-        ({"h": 24.5}, "32x24.5"),
         ({"fl_x": 0, "fl_y": 0, "camera_angle_x": 3.15}, "camera_angle_x 3.15"),
-        ({"fl_x": 0, "fl_y": 0, "camera_angle_y": -0.1}, "camera_angle_y -0.1"),
         ({"p2": 0.1, "is_fisheye": True}, "p2 0.1"),
         ({"transform_matrix": [[1, 0], [0, 1]]}, "frames[1].transform_matrix"),
-        ({"transform_matrix": "identity"}, "frames[1].transform_matrix"),
         ({"transform_matrix": (2 * np.eye(4)).tolist()}, "frames[1]"),
         ({"transform_matrix": [[float("inf")] * 4] * 4}, "frames[1].transform_matrix"),
         ({"file_path": "../../etc/passwd"}, "frames[1].file_path '../../etc/passwd'"),
-        ({"file_path": 3}, "frames[1].file_path 3"),
         ({"file_path": "x" * 5000}, "frames[1].file_path 5000"),
     ],
 )
@@ -435,7 +416,6 @@ def test_realestate_files_load_the_frames_that_have_photos(folder: Path) -> None
     ("line", "words"),
     [
         ("33 0.5 0.5", "line 6 33 0.5 18"),
-        ("x" + " 1" * 18, "line 6"),
         ("0 0.5 0.5 0.5 0.5 0 0" + " 0" * 12, "line 6"),
         ("0 0.5 0.5 0.5 0.5 0 0 2 0 0 0 0 1 0 0 0 0 1 0", "line 6"),
     ],
@@ -475,15 +455,6 @@ def test_a_folder_of_nothing_known_says_what_is_accepted(tmp_path: Path) -> None
     assert tells(refusal(tmp_path), "cameras.json transforms.json COLMAP")
 
 
-@pytest.mark.parametrize(("file", "at"), [("cameras.bin", 0), ("images.bin", 0), ("points3D.bin", 51)])
-def test_colmap_counts_beyond_their_file_are_refused(folder: Path, file: str, at: int) -> None:
-    model = make_binary(write_text_model(folder / "text"), folder / "sparse/0")
-    data = bytearray((model / file).read_bytes())
-    data[at : at + 4] = b"\xff\xff\xff\x7f"
-    (model / file).write_bytes(data)
-    assert str(model / file) in refusal(folder)
-
-
 # ---- LLFF and Blender ------------------------------------------------------------------------------------------------
 
 
@@ -513,12 +484,9 @@ def test_llff_intrinsics_follow_the_pictures_size_on_either_axis(folder: Path) -
     ("rows", "words"),
     [
         (np.zeros((3, 16)), "3 16 17"),
-        (np.zeros(17), "17"),
-        (np.zeros((0, 17)), "0 17"),
         (np.full((3, 17), "a"), "17"),
         (np.full((3, 17), np.nan), "NaN"),
         ([row(), row(), row(height=0.5)], "row 2 32x0.5"),
-        ([row(), row(width=0.5), row()], "row 1 0.5x48"),
         ([row(focal=-1)] * 3, "row 0 K"),
         ([row()] * 2, "2 of 3 images/"),
     ],

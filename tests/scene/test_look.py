@@ -19,7 +19,7 @@ from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.lenses import opencv_lens
-from tinysplat_runtime.scene.look import consistency, cost_volume, neighbours, range_guessed, range_seen
+from tinysplat_runtime.scene.look import range_guessed, range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
 
 DEPTHS = (2.0, 5.0)
@@ -116,31 +116,6 @@ def moved(x: float, y: float) -> NDArray:
 FOUR = [camera(x) for x in (-0.3, -0.1, 0.1, 0.3)]
 CONVERGING = [camera(x, -x / 2.5) for x in (-0.3, 0.3)]
 TURNED_OUT = [camera(-0.3, 0.14), camera(0.3, -0.12)]
-
-
-def test_what_a_pixel_shows_costs_least_at_its_depth(scene: Scene) -> None:
-    """Of photos of parallel cameras, in which a wall has one depth."""
-    one, other = camera(-0.15), camera(0.15)
-    found = cost_volume(photo(one), one, photo(other), other, np.array([1.0, DEPTHS[0], 3.0, DEPTHS[1], 9.0]))
-    best = found.costs.argmin(axis=0)
-    assert (best[:, 40 : W // 2] == 1).mean() > 0.9 and (best[:, -60:] == 3).mean() > 0.9
-
-
-def test_photos_of_one_thing_agree_about_depths_from_both_sides_and_others_do_not(scene: Scene) -> None:
-    images, cameras = scene.images(), scene.cameras
-    depths = 1 / np.linspace(1 / 1.5, 1 / 6, 48)
-
-    def both(first: NDArray, second: NDArray) -> float:
-        pair = np.stack([first, second])
-        here, there = (cost_volume(pair[a], cameras[a], pair[b], cameras[b], depths) for a, b in ((0, 1), (1, 0)))
-        return consistency(here, cameras[0], there, cameras[1])
-
-    right, wrong = both(*images), both(images[0], images[0][::-1])
-    assert 0.5 < right <= 1 and right > 2 * wrong
-
-
-def test_neighbours_are_by_distance() -> None:
-    assert neighbours([camera(x) for x in (0, 1, 3, 3.5)]).tolist() == [[1, 2, 3], [0, 2, 3], [3, 1, 0], [2, 1, 0]]
 
 
 @pytest.mark.parametrize(

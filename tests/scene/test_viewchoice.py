@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scenes import camera_at, refusing, tells
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.frusta import sees
 from tinysplat_runtime.scene.spacing import Spacing, angle_between
 from tinysplat_runtime.scene.viewchoice import choose_views, needed_views, sharpness_of
 
@@ -40,11 +38,6 @@ def test_the_choice_does_not_depend_on_the_scene_s_unit() -> None:
     assert small == large == sorted(set(small)) and len(small) == 3
 
 
-def test_hundreds_of_photos_are_thinned_and_indices_are_theirs() -> None:
-    chosen = choose_views([camera_at(0.01 * i) for i in range(300)], 3.0, 5.0, 3)
-    assert len(set(chosen)) == 3 and chosen[-1] > 64
-
-
 @pytest.mark.parametrize("count", [1, 4])
 def test_impossible_numbers_are_refused(count: int) -> None:
     with refusing(InputError, f"{count} of 3 2"):
@@ -54,20 +47,6 @@ def test_impossible_numbers_are_refused(count: int) -> None:
 def test_photos_of_one_place_are_refused() -> None:
     with refusing(InputError, "views:"):
         choose_views([camera_at(0.0, turn=0.1 * i) for i in range(3)], 1.0, 2.0, 2)
-
-
-def test_a_camera_sees_its_picture_at_the_scene_s_depths() -> None:
-    camera = camera_at(0.0)
-
-    def points(*places: tuple[float, float, float]) -> NDArray:
-        u, v, z = np.array(places).T
-        return np.stack([(u - 64) / 100 * z, (v - 48) / 100 * z, z], axis=1)
-
-    seen = points((0.1, 0.1, 3), (127.9, 95.9, 3), (64, 48, 2.01), (64, 48, 5.9))
-    beside = points((-0.1, 48, 3), (128.1, 48, 3), (64, -0.1, 3), (64, 96.1, 3))
-    before_or_behind = points((64, 48, 0.1), (64, 48, 60), (64, 48, -3))
-    assert sees(camera, seen, 2.0, 6.0).all()
-    assert not sees(camera, np.concatenate([beside, before_or_behind]), 2.0, 6.0).any()
 
 
 def row(count: int, step: float) -> list[Camera]:
