@@ -112,21 +112,3 @@ def test_joined_files_and_saved_gaussians_are_the_commands_too(capture, tmp_path
     assert (tmp_path / "some.npz").read_bytes() == (tmp_path / "chosen.npz").read_bytes()
     with pytest.raises(ts.InputError, match="sh_bits"):
         ts.save_gaussians(tmp_path / "f.tsplat", wall, sh_bits=(5, 4))
-
-
-@pytest.mark.parametrize(
-    ("options", "fault"),
-    [
-        ({"rotat": 1}, "rotat"),
-        ({"rotate": "x"}, "rotate: 'x'"),
-        ({"prune": "much"}, "prune: 'much'"),
-        ({"sh_bits": (5,)}, "sh_bits: (5,)"),
-        ({"crop": (1, 2)}, "crop: (1, 2)"),
-        ({"keep_all": "yes"}, "keep_all: 'yes'"),
-        ({"views": (70,)}, "views: [70]"),
-    ],
-)
-def test_what_python_asks_for_is_checked_by_name(capture, tmp_path, options, fault):
-    with pytest.raises(ts.InputError) as caught:
-        ts.convert(capture[1], tmp_path / "a.ply", **options)
-    assert fault in str(caught.value) and not (tmp_path / "a.ply").exists()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,21 +10,10 @@ from numpy.typing import NDArray
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.depth_step.allocation import (
-    DEPTH_EXPONENT,
-    FARTHEST,
-    OPACITY_EXPONENT,
-    measured_depth_step,
-    measured_opacity_step,
-)
-from tinysplat_runtime.codec.depth_step.blocks import BlockSpectrum
 from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_offsets, contrast
 from tinysplat_runtime.codec.depth_step.probe import Probe
-from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
-from tinysplat_runtime.codec.profiles import PROFILES
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.planes import hevc_step
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render import DEFINITION, Renderer, between
 
@@ -74,26 +63,6 @@ def test_damage_is_what_errors_do_to_the_picture_between_the_cameras(height, lay
     assert (probe.damage if kind == "depth" else probe.opacity_damage)([0 * error for error in errors]) < 1e-12
 
 
-@pytest.mark.parametrize("qp", [10, 22])
-def test_the_stand_in_errs_about_as_much_as_libx265_where_it_is_asked(qp: int) -> None:
-    rng = np.random.default_rng(0)
-    codes = (2000 + np.cumsum(rng.normal(0, 20, (96, 64)), axis=1)).clip(0, 4095).round().astype(np.uint16)
-    coarser = np.zeros((1, 6, 4), np.int64)
-    coarser[:, :, 2:] = 6
-    spectrum = BlockSpectrum.of(codes[None].astype(np.float32))
-    decoded, settings = np.empty_like(codes), replace(PROFILES["balanced"].encoder, block_qps=True)
-    for offsets in (None, coarser):
-        coded = encode_plane(codes, qp, settings, None if offsets is None else offsets[0])
-        PlaneDecoder(coded.parameter_sets, *codes.shape).decode_into(coded.payload, decoded)
-        ours, theirs = spectrum.coding_error(hevc_step(qp), offsets)[0], decoded.astype(float) - codes
-        for part in (slice(0, 32), slice(32, 64)):
-            assert 0.5 < np.sqrt(np.mean(ours[:, part] ** 2) / np.mean(theirs[:, part] ** 2)) < 2
-    chosen = np.zeros((1, 12, 8), bool)
-    chosen[0, 2, 3] = True
-    part = BlockSpectrum.of(codes[None].astype(np.float32), chosen).coding_error(hevc_step(qp))[0]
-    assert part[16:24, 24:32].any() and not np.delete(part, np.s_[16:24], 0).any()
-
-
 def test_contrast_is_how_much_neighbours_differ_where_they_are_opaque():
     scene = make_smooth_gaussians(2, 70, 12, degree=1)
     colours = (0.5 + C0 * scene.sh[..., 0, :].astype(np.float64)).clip(0, 1)
@@ -111,36 +80,6 @@ def test_blocks_are_coded_more_coarsely_the_less_they_show():
     assert offsets[0, 0, 0] == offsets.min() < 0 < offsets[1, 2, 3] == offsets.max()
     others = np.delete(offsets.ravel(), [0, 23])
     assert (others == others[0]).all() and not block_offsets(np.zeros_like(shown)).any()
-
-
-@dataclass
-class Linear:
-    """Pictures whose error is so many times the root of the mean squared error of planes, to a power."""
-
-    gain: float
-    power: float
-    reached: list[NDArray]
-    looked: int = 0
-
-    def damage(self, errors):
-        self.looked += 1
-        return self.gain * float(np.square(errors[0]).mean()) ** (self.power / 2)
-
-    opacity_damage = damage
-
-
-@pytest.mark.parametrize("gain", [1e-3, 0.3, 1.0, 3.0, 1e3])
-def test_steps_go_to_where_errors_cost_what_they_may(gain):
-    planes = [np.random.default_rng(0).normal(size=(1, 64, 64)).astype(np.float32)]
-    reached, at = [np.ones((1, 8, 8), bool)], BlockSpectrum.of(planes[0]).coding_error(0.1)
-    probe = Linear(gain, DEPTH_EXPONENT, reached)
-    plain = Linear(1.0, DEPTH_EXPONENT, reached).damage([at])
-    found = measured_depth_step(probe, planes, [np.zeros((1, 4, 4), int)], 0.1, plain, 6)
-    assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / DEPTH_EXPONENT), 1 / FARTHEST, FARTHEST), rel=0.03)
-    assert probe.looked <= 2  # an error that goes with the step is met at once
-    target = Linear(1.0, OPACITY_EXPONENT, reached).damage([at])
-    found = measured_opacity_step(Linear(gain, OPACITY_EXPONENT, reached), planes, 0.1, target)
-    assert found / 0.1 == pytest.approx(np.clip(gain ** (-1 / OPACITY_EXPONENT), 1 / FARTHEST, 1), rel=0.03)
 
 
 def test_depth_is_coded_more_finely_where_gaussians_are_opaque():

@@ -74,11 +74,6 @@ def test_a_reader_runs_the_groups_of_the_file(raw: ts.Gaussians, file: bytes) ->
     assert (other.means != decoded.means).any()
 
 
-def test_few_photos_need_no_groups(scene: ts.Scene) -> None:
-    data = RUNTIME.encode(scene.views(range(4)), MODEL, mode="photos")
-    assert groups_in(data) == (Group((0, 1, 2, 3), (0, 1, 2, 3)),)
-
-
 HOSTILE = {
     "a view that is not there": (FIRST, (104, 105, 106, 107, 108)),
     "views out of order": (FIRST, (105, 104, 106, 107)),

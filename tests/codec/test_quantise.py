@@ -74,13 +74,3 @@ def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():
     codes, clipped = coded.codes(0)
     assert clipped == 5
     np.testing.assert_allclose(coded.code_map.dequantise(codes), values[0].clip(0, 1), atol=2 * coded.code_map.scale)
-
-
-def test_outliers_are_the_same_by_view_and_at_once() -> None:
-    values = np.random.default_rng(0).normal(size=(5, 60, 80)).astype(np.float32)
-    values[1:4, 7, 9:11] *= 10_000
-    low, high = float(values.min()), float(values.max())
-    found = without_outliers(values, low, high, 1e-4)
-    for shape in ((1, 300, 80), (-1,)):
-        assert without_outliers(values.reshape(shape), low, high, 1e-4) == found
-    assert low < found[0] < found[1] < high

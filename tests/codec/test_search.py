@@ -62,14 +62,6 @@ def test_the_largest_file_within_a_size_is_found_soon(size, share, start):
     assert len(data) == max(len(Curve(size).code(qp)) for qp in coder.asked if len(Curve(size).code(qp)) <= target)
 
 
-@given(slope=st.floats(0.05, 0.2), away=st.floats(-25, 25))
-def test_a_straight_curve_near_the_expected_slope_takes_few_files(slope, away):
-    coder, as_expected = Curve(octaves(away, slope, 0)), Curve(octaves(away, 0.1, 0))
-    code_to_size(coder, 4_000)
-    code_to_size(as_expected, 4_000)
-    assert len(coder.asked) <= 4 and len(as_expected.asked) <= 2
-
-
 @given(fall=st.floats(0.5, 1.9), at=st.floats(-40, 40), wanted=st.floats(20, 60))
 def test_the_fidelity_is_reached_and_hardly_passed(fall, at, wanted):
     coder = Curve(octaves(0, 0.1, 0))

@@ -81,12 +81,6 @@ def test_a_mean_s_reach_counts_depth_itself():
         _read(depths=(1.0, 0.8e30), **slanted)
 
 
-@pytest.mark.parametrize("depths", [(1e-31, 1.0), (1.0, 1.1e30)])
-def test_depths_whose_inverse_or_self_leaves_the_bounds_are_refused(depths):
-    with refusing(FormatError, "LAYR[0]"):
-        _read(depths=depths)
-
-
 def test_scales_count_as_planes_and_as_sizes_in_the_world():
     wide = [(PlaneClass.SCALE, 2, 1e10)]
     assert _read(records=wide, depths=(1.0, 1e19), focal=(1.0, 1.0))
@@ -148,16 +142,12 @@ _OVER, _INFINITE, _NAN = np.float32(1.01e30), np.inf, np.nan
         ({"source_degree": 4}, {"source_degree": 5}, "SH degree 0 of 5"),
         ({"z_min": 2.0}, {"z_min": 2.001}, "LAYR[0]"),
         ({"z_min": 1e-29}, {"z_min": 0.0}, "LAYR[0]"),
-        ({"z_max": 9e29}, {"z_max": _INFINITE}, "LAYR[0]"),
         ({"lost": -1.0}, {"lost": _NAN}, "LAYR[0]"),
         ({"condition": 1e-30}, {"condition": 0.0}, "LAYR[0]"),
-        ({"condition": 1e30}, {"condition": _INFINITE}, "LAYR[0]"),
         ({"flags": 1}, {"flags": 32}, "unknown flags 0x20"),
         ({"k": 0}, {"k": 1}, "degree 0 without a basis"),
         ({"rows": [(5, 1, 255, -9e29, 0)]}, {"rows": [(5, 2, 255, 0, 0)]}, "offset has no channel 2"),
-        ({"rows": [(1, 2, 255, 0, 0)]}, {"rows": [(1, 3, 255, 0, 0)]}, "color has no channel 3"),
         ({"rows": [(5, 0, 255, 0, 0)]}, {"rows": [(6, 0, 255, 0, 0)]}, "position0 of another mode"),
-        ({"rows": [(5, 0, 255, 0, 0)]}, {"rows": [(9, 0, 255, 0, 0)]}, "plane class 9, known are 0 to 8"),
         ({"rows": [(0, 0, 255, 0, 9e29)]}, {"rows": [(0, 0, 255, 0, -_OVER)]}, "depth0"),
         ({"rows": [(0, 0, 255, 9e29, 0)]}, {"rows": [(0, 0, 255, _OVER, 0)]}, "depth0"),
         ({"rows": [(0, 0, 255, 0, 1), (0, 0, 255, 0, 1)]}, {"rows": [(2, 0, 255, 0, 1)] * 2}, "opacity0 stands twice"),
@@ -229,15 +219,12 @@ def _with_photos(
         ({}, {"layers": 1}, "1 layers, accepted are 0 to 0"),
         ({"size": (1, 1)}, {"size": (0, 1)}, "photos of 1 0"),
         ({"size": (1, 65536)}, {"size": (1, 65537)}, "photos of 65537 1"),
-        ({"size": (65536, 1)}, {"size": (65537, 1)}, "photos of 1 65537"),
         ({}, {"format": 1}, "photo format 1 is unknown"),
         ({}, {"sets": 8}, "parameter set 8 is missing"),
         ({}, {"payloads": ()}, "PICT[0]"),
         ({"depths": (1e-29, 9e29)}, {"depths": (0.9e-30, 1.0)}, "near 9e-31 and far 1"),
         ({}, {"depths": (2.0, 2.0)}, "near 2 and far 2"),
         ({}, {"depths": (1.0, 1.1e30)}, "1.1e+30"),
-        ({"depths": (1.0, float(np.nextafter(1e30, 0)))}, {"depths": (1.0, 1e30)}, "1e+30"),
-        ({"network": b"n" * 64}, {"network": b"n\xe9t"}, "not printable ASCII"),
         ({"network": b"a b"}, {"network": b"a\nb"}, "not printable ASCII"),
     ],
 )
@@ -281,11 +268,9 @@ def _with_exact(
     [
         ({"size": (1, 1)}, {"size": (0, 1)}, "grid 1 0"),
         ({"size": (1, 65536)}, {"size": (1, 65537)}, "grid 65537 1"),
-        ({"size": (65536, 1)}, {"size": (65537, 1)}, "grid 1 65537"),
         ({"degree": 4}, {"degree": 5}, "SH degree 5"),
         ({"depths": (2.0, 2.0)}, {"depths": (2.1, 2.0)}, "EXAC[0]"),
         ({"depths": (1.1e-30, 2.0)}, {"depths": (0.9e-30, 2.0)}, "EXAC[0]"),
-        ({"depths": (1.0, 0.9e30)}, {"depths": (1.0, 1.1e30)}, "EXAC[0]"),
         ({"planes": range(15)}, {"planes": range(14)}, "14 15"),
         ({}, {"planes": [*range(14), 13]}, "PICT[0]"),
         ({"flags": 2, "tail": _columns(9, 9, 1, 1, 0)}, {"flags": 4}, "unknown flags 0x4"),

@@ -35,14 +35,6 @@ def data(gaussians):
     return ts.compress(gaussians, profile="fast")
 
 
-def test_files_of_more_views_than_a_network_takes_are_in_parts_by_view(data):
-    few = ts.compress(make_smooth_gaussians(MOST_TOGETHER, 16, 24, degree=1), profile="fast")
-    assert [(Pict.of(one).by_view, Pict.of(one).views) for one in (data, few)] == [
-        (True, VIEWS),
-        (False, MOST_TOGETHER),
-    ]
-
-
 @pytest.mark.parametrize("by_view", [False, True])
 def test_pictures_are_where_the_page_says_in_whatever_order(data, by_view):
     """And decode to the same, as the order of bytes is the writer's choice."""
@@ -85,20 +77,6 @@ def test_some_views_are_read_from_their_bytes_alone(data, views):
             for a, b in zip(layer.channels, of_whole.channels, strict=True):
                 if a.pictures:
                     assert some.table.payload(a, at) == whole.table.payload(b, view)
-
-
-def test_cameras_and_quaternions_take_no_more_bytes_than_they_differ(gaussians):
-    """Numbers that all views share stand once, and float32 where that loses nothing."""
-    cameras = [replace(camera, K=gaussians.cameras[0].K) for camera in gaussians.cameras]
-    sizes = []
-    for own in (gaussians.cameras, cameras, [replace(c, c2w=np.eye(4)) for c in cameras]):
-        layers = [replace(layer, extra_layers=(), cameras=own) for layer in gaussians.layers[:1]]
-        data = ts.compress(layers[0], profile="fast")
-        for found, camera in zip(read_container(data).cameras, own, strict=True):
-            np.testing.assert_array_equal(found.K, camera.K)
-            np.testing.assert_array_equal(found.c2w, camera.c2w)
-        sizes.append(next(len(text) for kind, _, _, text in sections_of(data) if kind == b"CAMS"))
-    assert sizes[1] <= sizes[0] - 2 * 8 * (VIEWS - 1) and sizes[2] < 19 * 9
 
 
 @pytest.mark.parametrize("views", [[], [0, 0], [VIEWS], [-1], 3, ["a"]])
@@ -146,13 +124,10 @@ def cut(text: bytearray) -> None:
 
 HOSTILE = {
     "a row too many": (b"PICT", lambda text: put(0, bytes([text[0] + 1]))(text)),
-    "a row too few": (b"PICT", lambda text: put(0, bytes([text[0] - 1]))(text)),
     "a view too many": (b"PICT", put(2, bytes([VIEWS + 1]))),
-    "no view": (b"PICT", put(2, b"\0\0")),
     "an order that there is not": (b"PICT", put(4, b"\2")),
     "all pictures in one part": (b"PICT", put(4, b"\0")),
     "a layer that there is not": (b"PICT", put(6, b"\2")),
-    "a class of another mode": (b"PICT", put(7, b"\6")),
     "a class that there is not": (b"PICT", put(7, b"\x09")),
     "a target that there is not": (b"PICT", put(8, b"\x09")),
     "a QP that there is not": (b"PICT", put(9, b"\x34")),
@@ -160,9 +135,7 @@ HOSTILE = {
         b"PICT",
         lambda text: put(-8, struct.pack("<I", struct.unpack_from("<I", text, len(text) - 8)[0] + 1))(text),
     ),
-    "a table cut short": (b"PICT", cut),
     "bytes behind the table": (b"PICT", lambda text: text.append(0)),
-    "a byte of pictures less": (b"DATA", cut),
     "bytes behind the pictures": (b"DATA", lambda text: text.append(0)),
     "an altered table of a view": (b"DATA", put(0, b"\xff\xff")),
 }

@@ -15,7 +15,7 @@ from PIL import Image
 from scenes import make_cameras, make_photo, refusing, tells
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
-from tinysplat.datasets.chunks import fields_of_view, prepare_camera, prepare_image
+from tinysplat.datasets.chunks import prepare_camera, prepare_image
 from tinysplat_runtime.errors import InputError
 
 RE10K = SPECS["re10k"]
@@ -59,11 +59,6 @@ def test_focal_lengths_follow_scale_and_crop_while_the_principal_point_keeps_its
     np.testing.assert_allclose(prepared.c2w, camera.c2w, atol=1e-12)
 
 
-def test_field_of_view_is_the_angle_between_opposite_edges():
-    horizontal, vertical = fields_of_view(np.array([0.5, 1.0, 0.5, 0.5, *[0] * 14]))
-    assert horizontal == pytest.approx(90) and vertical == pytest.approx(2 * np.degrees(np.arctan(0.5)))
-
-
 # ---- reading -----------------------------------------------------------------------------------------------------
 
 
@@ -104,15 +99,12 @@ def test_a_field_of_view_over_the_limit_is_not_evaluated(folder):
 @pytest.mark.parametrize(
     ("fields", "named"),
     [
-        ({"cameras": torch.zeros(2, 12)}, "cameras"),
         ({"cameras": torch.zeros(2, 18)}, "cameras"),
         ({"cameras": torch.full((2, 18), torch.nan)}, "cameras"),
         ({"cameras": torch.ones(2, 18)}, "frame 0"),
         ({"images": [torch.zeros(3, dtype=torch.uint8)]}, "images"),
-        ({"images": [torch.zeros(3)] * 2}, "images[0]"),
         ({"images": [torch.zeros(3, dtype=torch.uint8)] * 2}, "frame 0"),
         ({"images": [encoded(make_photo(360, 640))[:2000]] * 2}, "frame 0"),
-        ({"images": [encoded(make_photo(360, 640), "BMP")] * 2}, "frame 0"),
     ],
 )
 def test_scenes_that_break_the_layout_are_refused_with_what_is_wrong(tmp_path, fields, named):
@@ -171,10 +163,8 @@ def test_scenes_given_as_null_are_not_evaluated(tmp_path):
         ("[]", ""),
         ("{", ""),
         ("[" * 100_000, ""),
-        ('{"a": []}', ": a"),
         ('{"a": {"context": [0, 1]}}', "a.target"),
         ('{"a": {"context": [0, -1], "target": [0]}}', "a.context [0, -1]"),
-        ('{"a": {"context": [0, 1.5], "target": [0]}}', "a.context [0, 1.5]"),
         ('{"a": {"context": [0, 1], "target": []}}', "a.target"),
     ],
 )

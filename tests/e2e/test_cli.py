@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from console import fail, succeed
-from PIL import Image
 from scenes import make_smooth_gaussians, psnr, tells
 
 import tinysplat_runtime as ts
@@ -85,36 +84,6 @@ def test_a_decoded_view_looks_like_the_raw_one(encoded, tmp_path):
     assert decoded.shape == (48, 64, 3) and psnr(decoded, raw) > 35
 
 
-def test_a_decoded_scene_is_coded_like_its_file_without_loss(encoded, tmp_path):
-    succeed("decode", encoded["file"], "-o", tmp_path / "g.npz")
-    report = tmp_path / "r.json"
-    succeed(
-        "compress", tmp_path / "g.npz", "-o", tmp_path / "again.tsplat", "--like", encoded["file"], "--report", report
-    )
-    assert (tmp_path / "again.tsplat").read_bytes() == encoded["file"].read_bytes()
-    assert json.loads(report.read_text())["error_by_attribute"]["means"]["max"] == 0
-
-
-def test_a_prefix_of_a_file_decodes_and_renders(encoded, tmp_path):
-    prefixes = json.loads(succeed("info", encoded["file"], "--json"))["prefixes"]
-    data = encoded["file"].read_bytes()
-    cut = tmp_path / "cut.tsplat"
-    cut.write_bytes(data[: prefixes[-1]["bytes"] - 1])
-    size = prefixes[1]["bytes"]
-    succeed("decode", cut, "-o", tmp_path / "g.npz", "--max-bytes", size, "--report", tmp_path / "r.json")
-    assert json.loads((tmp_path / "r.json").read_text())["bytes"] == len(data)
-    succeed("render", cut, "-o", tmp_path / "x.png", "--max-bytes", size, "--report", tmp_path / "s.json")
-    assert "cut.tsplat" in fail("render", cut, "-o", tmp_path / "y.png")
-    assert "cut.tsplat" in fail("decode", cut, "-o", tmp_path / "h.npz", "--max-bytes", 500)
-    assert "--max-bytes" in fail("render", encoded["raw"], "-o", tmp_path / "y.png", "--max-bytes", size)
-
-
-def test_target_sizes_in_any_unit_are_met(encoded, tmp_path):
-    for text, size in (("4KB", 4000), ("0.004 MB", 4000), ("4KiB", 4096)):
-        succeed("compress", encoded["raw"], "-o", tmp_path / "t.tsplat", "--target-size", text, "--force")
-        assert 0.8 * size <= (tmp_path / "t.tsplat").stat().st_size <= size
-
-
 def test_photo_files_go_through_every_command(scene, tmp_path):
     file, report = tmp_path / "p.tsplat", tmp_path / "r.json"
     succeed("encode", scene, "-o", file, "--mode", "photos", "--report", report)
@@ -135,18 +104,6 @@ def test_the_network_for_a_file_of_photos_can_be_given(scene, tmp_path):
     assert "'mine'" in message and "--model" in message
     succeed("decode", file, "-o", tmp_path / "g.npz", "--model", own)
     assert "sweep.onnx" in fail("decode", file, "-o", tmp_path / "h.npz", "--model", "sweep")
-
-
-def test_a_list_is_told_how_it_may_get_smaller_and_pixels_of_views_are_not(encoded, tmp_path):
-    succeed("convert", encoded["raw"], "-o", tmp_path / "g.ply")
-    for given, is_list in ((tmp_path / "g.ply", True), (encoded["raw"], False)):
-        assert ("--grid" in succeed("compress", given, "-o", tmp_path / "x.tsplat", "--force")) == is_list
-
-
-def test_models_lists_networks_and_graphs():
-    listed = json.loads(succeed("models", "--json"))
-    assert listed["sweep"]["role"] == "network"
-    assert {"analysis", "synthesis"} <= {entry["role"] for entry in listed.values()}
 
 
 def test_quiet_commands_print_nothing(encoded, tmp_path):
@@ -170,11 +127,6 @@ def test_commands_of_an_extra_that_is_not_installed_name_the_extra():
     done = subprocess.run([sys.executable, "-c", without], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "tinysplat" in done.stderr and 'pip install "tinysplat[eval]"' in done.stderr
-
-
-def test_a_folder_of_models_that_is_none_is_refused_not_passed_over(tmp_path, monkeypatch):
-    monkeypatch.setenv("TINYSPLAT_MODELS", str(tmp_path / "gone"))
-    assert tells(fail("models"), f"TINYSPLAT_MODELS {tmp_path / 'gone'}")
 
 
 # ---- files as any other, words, and what a command says ------------------------------------------------------------
@@ -217,13 +169,6 @@ def test_nothing_is_overwritten_without_being_told_to(encoded, tmp_path):
     assert target.read_bytes() == before
     succeed("render", encoded["file"], "-o", target, "--camera", "1", "--force")
     assert target.read_bytes() != before
-
-
-def test_depth_is_a_picture_in_colours_too(encoded, tmp_path):
-    succeed("render", encoded["file"], "-o", tmp_path / "d.png", "--depth")
-    picture = np.asarray(Image.open(tmp_path / "d.png")).astype(int)
-    apart = picture[..., 0] - picture[..., 2]  # red near, blue far
-    assert apart.max() > 0 > apart.min()
 
 
 def test_encode_ends_with_how_like_its_photos_it_looks(scene, tmp_path):

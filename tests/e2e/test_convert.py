@@ -90,13 +90,6 @@ def test_a_moved_coded_scene_keeps_pixels_cameras_and_the_quality_it_had(
     assert ts.inspect(moved.read_bytes())["mode"] == "lossless"
 
 
-def test_a_point_cloud_has_positions_and_colours(files: dict[str, Path], tmp_path: Path) -> None:
-    succeed("decode", files["tsplat"], "-o", tmp_path / "p.ply", "--points")
-    vertex = plyfile.PlyData.read(tmp_path / "p.ply")["vertex"].data
-    assert vertex.dtype.names == ("x", "y", "z", "red", "green", "blue") and vertex["red"].dtype == np.uint8
-    assert ".ply" in fail("decode", files["tsplat"], "-o", tmp_path / "p.spz", "--points")
-
-
 def test_check_says_bytes_and_loss(files: dict[str, Path], tmp_path: Path) -> None:
     done = succeed("convert", files["npz"], "-o", tmp_path / "g.spz", "--check")
     said = re.search(r"([\d.]+) KB", done.stdout)

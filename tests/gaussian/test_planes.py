@@ -7,13 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tinysplat_runtime.gaussian.planes import (
-    CODING_ORDER,
-    GEOMETRY,
-    GEOMETRY_CHANNELS,
     MAX_QP_BLOCKS,
     PLANE_CLASSES,
     QP_BLOCK,
-    PlaneClass,
     hevc_step,
     padded_size,
     qp_block_side,
@@ -38,11 +34,6 @@ def test_planes_have_few_blocks_with_a_qp_and_these_are_whole_trees(height: int,
 def test_a_step_is_one_code_of_8_bits_at_qp_4_and_doubles_every_six() -> None:
     assert hevc_step(4) == 2 ** (12 - 8)
     assert [hevc_step(qp + 6) / hevc_step(qp) for qp in (-4, 0, 22.5, 45)] == pytest.approx([2] * 4)
-
-
-def test_every_channel_of_the_geometry_tensor_is_of_one_class() -> None:
-    channels = sorted(n for where in GEOMETRY.values() for n in range(where.start, where.stop))
-    assert channels == list(range(GEOMETRY_CHANNELS)) and set(CODING_ORDER) - set(GEOMETRY) == {PlaneClass.COLOR}
 
 
 def test_alpha_and_qp_of_classes_are_those_of_the_papers_table() -> None:

@@ -121,18 +121,6 @@ def test_tiles_have_no_seams(scene: TracedScene) -> None:
         assert np.quantile(error, 0.995) <= 1e-4, name
 
 
-def test_far_larger_photos_are_come_to_in_steps(scene: TracedScene) -> None:
-    graph, session = exact_graph(scene)
-    gaussians = predict_large(scene.images, scene.cameras, NEAR, FAR, graph, enlarger(16 * 20))
-    assert np.prod(session.size) < 2 * 16 * 20 and gaussians.opacities.shape == scene.depth.shape
-
-
-def test_a_tint_of_the_network_is_kept_and_detail_is_the_photos(scene: TracedScene) -> None:
-    plain, tinted = enlarged(scene), enlarged(scene, tint=0.05)
-    difference = C0 * (tinted.sh - plain.sh)
-    assert abs(float(np.median(difference)) - 0.05) < 5e-3
-
-
 def test_pictures_are_those_of_the_large_photos(scene: TracedScene) -> None:
     """Far more than those of the small photos, on which the network ran, are."""
     small = [scaled(photo, 48, 60) for photo in scene.images]

@@ -53,9 +53,3 @@ def test_pairs_that_hardly_match_change_nothing(sound: float) -> None:
     found = found_of(gains, np.zeros((VIEWS, 3)), sound)
     for v in range(VIEWS):
         np.testing.assert_allclose(found.matched(PHOTO, v), PHOTO, atol=0.05)
-
-
-def test_a_pair_without_a_cell_in_common_is_no_evidence() -> None:
-    none = np.zeros((0, 3))
-    found = one_exposure([Pair(0, 1, none, none, np.zeros(0), CELLS)], [[1], [0]])
-    assert np.array_equal(found.matched(PHOTO, 1), PHOTO) and np.array_equal(found.shown(PHOTO, 1), PHOTO)

@@ -15,7 +15,7 @@ import pytest
 from scenes import make_smooth_gaussians, refusing, tells
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.errors import InputError, ModelError
+from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
 from tinysplat_runtime.graphs.inference import open_graph
@@ -48,11 +48,6 @@ def test_what_is_no_option_is_said(text: str) -> None:
         providers_of(text)
 
 
-def test_the_cpu_stands_alone_or_behind_a_provider() -> None:
-    assert providers_of(None) == providers_of("") == ("CPUExecutionProvider",)
-    assert providers_of("X:a=b") == (("X", {"a": "b"}), "CPUExecutionProvider")
-
-
 def test_options_reach_a_built_in_provider() -> None:
     options = onnxruntime.SessionOptions()
     chosen = add_providers(onnxruntime, options, [("CPU", {"use_arena": "0"}), "CPUExecutionProvider"])
@@ -73,19 +68,6 @@ def test_a_plug_in_runs_on_its_device() -> None:
     inputs = {name: array.astype(np.float32) for name, array in inputs.items()}
     expected = open_graph(artifact, "analysis_project").run(inputs)["color"]
     assert np.array_equal(session.run(["color"], inputs)[0], expected)
-
-
-@pytest.mark.parametrize(
-    ("provider", "message"),
-    [
-        (("CPU", {"device_type": "NPU"}), "CPUExecutionProvider NPU CPU"),
-        ("Nope", "NopeExecutionProvider"),
-        (("Other", {"library": "none.so"}), f"OtherExecutionProvider {Path.cwd()}/none.so"),
-    ],
-)
-def test_what_a_plug_in_lacks_is_said(provider: str | tuple[str, dict[str, str]], message: str) -> None:
-    with refusing(ModelError, message):
-        add_providers(NOT_BUILT_IN, onnxruntime.SessionOptions(), [provider])
 
 
 def test_a_plug_in_package_is_found_by_its_provider(tmp_path: Path) -> None:

@@ -74,15 +74,6 @@ def test_groups_far_away_get_one_origin() -> None:
     np.testing.assert_allclose(found, [camera.centre[0] for camera in scene.cameras], rtol=0, atol=1e-5)
 
 
-def test_what_a_network_takes_at_once_is_one_group() -> None:
-    scene = scene_of(6)
-    (group,) = capture_groups(scene.cameras, NEAR, FAR, NetworkLimits())
-    assert group.views == group.kept == tuple(range(6))
-    made = marked(scene)
-    found = predict_groups(scene.cameras, NEAR, [group], lambda views: made)
-    assert all(np.array_equal(getattr(found, name), getattr(made, name)) for name in FIELDS)
-
-
 @pytest.mark.parametrize("limits", [NetworkLimits(), NetworkLimits(2, 2), NetworkLimits(3, 3), NetworkLimits(5, 6)])
 def test_more_are_groups_of_what_it_takes(limits: NetworkLimits) -> None:
     groups = capture_groups(scene_of(9).cameras, NEAR, FAR, limits)

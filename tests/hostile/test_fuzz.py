@@ -55,8 +55,3 @@ def test_what_was_found_stays_fixed(name: str, capfd: pytest.CaptureFixture[str]
 
 def test_every_gaussian_file_that_is_read_is_attacked() -> None:
     assert {ending for target in TARGETS.values() for ending in target.endings} == set(endings(written=False))
-
-
-def test_attacks_with_the_same_number_are_the_same() -> None:
-    target = TARGETS["container"]
-    assert [attack(target, case) for case in range(30)] == [attack(target, case) for case in range(30)]

@@ -118,12 +118,6 @@ def test_ranges_of_another_kind_are_answered_with_all_of_it(port: int, part: str
     assert status == 200 and len(body) == int(headers["Content-Length"]) > 1000
 
 
-def test_head_says_what_get_would_send(port: int) -> None:
-    _, body, headers = asked(port, "GET", "localhost")
-    status, nothing, said = asked(port, "HEAD", "localhost")
-    assert (status, nothing, said["Content-Length"]) == (200, b"", headers["Content-Length"]) and body
-
-
 # ---- files that cost much --------------------------------------------------------------------------------------------
 
 OF_PAGES = {"maxPixels": 2**25, "maxMemory": 2**31, "maxPerByte": 256}

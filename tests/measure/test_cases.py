@@ -24,12 +24,6 @@ def test_the_uncovered_margin_is_as_wide_as_the_disparity() -> None:
     assert covered[:, : WIDTH - 10].all() and not covered[:, WIDTH - 10 :].any()
 
 
-def test_half_of_the_inverse_depths_decide() -> None:
-    # disparities from 0 (infinitely far) to 20 pixels: half of them are under 10
-    covered = covered_pixels(camera(0.5), [camera(0)], 1.0, 1e9)
-    assert abs(int(covered[0].sum()) - (WIDTH - 10)) <= 1
-
-
 def test_views_on_both_sides_cover_what_stands_between_them() -> None:
     assert covered_pixels(camera(0), [camera(-0.5), camera(0.5)], 2.0, 2.5).all()
 

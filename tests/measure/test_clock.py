@@ -7,10 +7,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from scenes import refusing
 
@@ -29,13 +27,6 @@ def load(megabytes):
 """
 
 
-def spin(seconds: float) -> None:
-    """Work for so many CPU seconds, which a machine that others use does not stretch."""
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        pass
-
-
 def test_rounds_interleave_variants_after_one_that_warms_up_and_gives_figures():
     calls: list[str] = []
     variants = [Variant(name, lambda n=name: calls.append(n) or n, lambda n: {"name": n}) for name in "AB"]
@@ -52,14 +43,6 @@ def test_what_was_let_go_before_the_work_is_not_in_its_peak(tmp_path: Path, monk
     assert abs(large.total - small.total) < 30e6
     assert large.total - large.before > 15e6
     assert large.figures == {"megabytes": "300"} and large.seconds > 0
-
-
-def test_peak_memory_grows_with_the_input_and_not_with_the_parent() -> None:
-    task = "tinysplat.measure.studies.growth.draw_cloud"
-    small, large = (measure_apart(task, count, 16, 16, "numpy", 1).total for count in (500, 300_000))
-    assert large > small + 5_000_000
-    ballast = np.ones(30_000_000)  # 240 MB that a child must not inherit
-    assert measure_apart(task, 500, 16, 16, "numpy", 1).total < small + ballast.nbytes / 2
 
 
 def test_a_child_that_fails_says_why(tmp_path: Path) -> None:

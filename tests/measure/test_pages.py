@@ -49,26 +49,6 @@ def test_marked_places_are_filled_from_rows_and_their_faults_named(tmp_path):
             filled(f"<!-- measured day/rows.jsonl: {words} --><!-- end -->", tmp_path)
 
 
-def test_plots_of_pages_are_drawn_from_the_newest_report_that_has_their_rows(tmp_path):
-    (tmp_path / "docs").mkdir()
-    page = tmp_path / "README.md"
-    page.write_text("Before\n<!-- plotted waits -->\n![Error](docs/o.png)\n\nold\n<!-- end -->\nbehind")
-    assert fill_pages(tmp_path) == [] and not (tmp_path / "docs" / "o.png").exists()
-    reports = tmp_path / "benchmarks" / "reports"
-    for day, study in (("2026-01-01", "waits"), ("2026-01-02", "waits"), ("2026-01-03", "list")):
-        RowFile(reports / day / ROWS).add(
-            replace(row("balanced", psnr_decoded_raw=40.0), study=study, setting={"thing": "a file", "qp": 0})
-        )
-    assert fill_pages(tmp_path) == [page] and fill_pages(tmp_path) == []
-    found = page.read_text()
-    assert "![Error](docs/o.png)" in found and "2026-01-02" in found
-    assert "old" not in found and found.startswith("Before") and found.endswith("behind")
-    assert (tmp_path / "docs" / "o.png").read_bytes().startswith(b"\x89PNG")
-    page.write_text("<!-- plotted nonsense -->\n![Error](docs/o.png)\n<!-- end -->")
-    with refusing(InputError, "'nonsense'"):
-        fill_pages(tmp_path)
-
-
 @pytest.mark.parametrize("page", pages(ROOT), ids=lambda path: path.name)
 def test_every_marked_figure_is_that_of_the_committed_rows(page):
     text = page.read_text("utf-8")

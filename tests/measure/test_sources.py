@@ -45,16 +45,6 @@ def test_a_changed_photo_or_camera_gives_a_windows_figures_another_stamp(scene) 
     assert scene.fingerprint(window) == first
 
 
-def test_shots_are_of_the_size_asked_for(scene) -> None:
-    (window,), _ = scene.windows()
-    camera = scene.scene().frames[0].camera
-    for size in ((24, 32), (2 * camera.height, 2 * camera.width)):
-        shots = scene.shots(window, size)
-        assert shots.context.images.shape == (len(window.context), *size, 3)
-        assert shots.targets.images.shape == (len(window.targets), *size, 3)
-        assert len(shots.targets.depths) == len(window.targets) and 0 < shots.near < shots.far
-
-
 @pytest.mark.parametrize("views", [1, 2, 3])
 def test_a_gaussian_file_is_judged_midway_between_its_views(tmp_path: Path, views: int) -> None:
     gaussians = make_smooth_gaussians(views, 8, 12, 0)

@@ -144,13 +144,6 @@ def test_inverse_projection_keeps_its_bounds(case: str) -> None:
     np.testing.assert_allclose(back["scales"].reshape(-1, 3), wanted["scales"].reshape(-1, 3), rtol=ROUNDINGS * EPS32)
 
 
-@pytest.mark.parametrize("angle", [0, 1e-9, 1, np.pi - 1e-3, np.pi - 1e-9, np.pi])
-def test_quaternions_of_rotations_are_exact_at_every_angle(angle: float) -> None:
-    wanted = turn_of(angle)
-    quat = matrices_to_quats(quats_to_matrices(wanted))
-    assert min(np.abs(sign * quat - wanted).max() for sign in (1, -1)) <= ROUNDINGS * EPS64
-
-
 @pytest.mark.parametrize("stretch", [(1, 1, 1), (1e-5, 1e-5, 1), (1, 1, 1e7)])
 def test_harmonics_keep_their_bound(stretch: tuple[float, ...]) -> None:
     rng = np.random.default_rng(1)

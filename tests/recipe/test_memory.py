@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from scenes import Heard, make_gaussians, make_smooth_gaussians, refusing, tells
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.ways import OneByOne
 from tinysplat_runtime.recipe.memory import check_memory
-from tinysplat_runtime.recipe.own import looked_at, near_of, own_psnr
+from tinysplat_runtime.recipe.own import looked_at, own_psnr
 from tinysplat_runtime.recipe.refinement import chosen
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import Refinement
@@ -43,16 +42,6 @@ def needed(scene: Scene, free_memory: Says, **options: object) -> float:
         else:
             high = middle
     return high
-
-
-def test_what_is_taken_grows_with_pixels_and_photos_and_with_what_is_done(free_memory: Says) -> None:
-    by_size = [needed(capture(2, side, side), free_memory) for side in (256, 512, 1024)]
-    by_count = [needed(capture(count, 480, 640), free_memory) for count in (2, 4, 6)]
-    captures = [needed(capture(count, 480, 640), free_memory) for count in (20, 100, 400)]
-    plain = needed(capture(40, 480, 640), free_memory)
-    assert all(less < more for found in (by_size, by_count) for less, more in pairwise(found))
-    assert all(less <= more for less, more in pairwise(captures))
-    assert needed(capture(40, 480, 640), free_memory, refined=True) >= plain
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="arrays lie on disk on Linux alone")
@@ -152,12 +141,3 @@ def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
     free_memory(int(plain / 2 * 1e9))
     with refusing(ts.InputError, "GB"):
         chosen(request, scene, WAY, heard)
-
-
-def test_a_look_at_a_capture_decodes_the_views_about_a_camera() -> None:
-    runtime, gaussians = ts.Runtime(), make_smooth_gaussians(12)
-    data = runtime.compress(gaussians)
-    for view in (0, 11):
-        found = near_of(data, 12, runtime, "edge")(gaussians.cameras[view])
-        assert gaussians.cameras[view].c2w.tolist() in [camera.c2w.tolist() for camera in found.cameras]
-        assert len(found.cameras) < 12

@@ -61,11 +61,6 @@ def test_views_are_taken_as_asked(capture: Path, views: object, wanted: tuple[in
     assert chosen(capture, views=views)[0] == names(*wanted)
 
 
-@pytest.mark.parametrize("count", [2, 6, 8, 10])
-def test_so_many_are_taken(capture: Path, count: int) -> None:
-    assert len(chosen(capture, views=f"auto:{count}")[0]) == count
-
-
 def test_frames_that_lie_between_others_are_left_out(capture: Path) -> None:
     scene = ts.load_scene(capture, near=2.0, far=12.0)
     frames = []
@@ -191,15 +186,11 @@ def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -
     [
         (["a", "b"], {}, "encode: 2 --focal --baseline"),
         (["a", "b"], {"focal": 5.0}, "encode: 2 --focal"),
-        (["a", "b"], {"baseline": 5.0}, "encode: 2 --baseline"),
         (["a"], {"focal": 5.0, "baseline": 1.0}, "focal: "),
-        (["a", "b", "c"], {"focal": 5.0, "baseline": 1.0}, "encode: 3 --focal --baseline"),
         ([], {}, "encode: 0"),
         (["a", "b"], {"poses": "p"}, "poses: 2"),
         ({"a": 1}, {}, "scene: {'a': 1} Scene"),
-        (photos_of(2, 8, 8), {"baseline": 1.0}, "baseline: Scene"),
         (photos_of(2, 8, 8), {"focal": 1.0, "poses": "p"}, "focal: Scene"),
-        (photos_of(2, 8, 8), {"poses": "p"}, "poses: Scene"),
     ],
 )
 def test_paths_and_options_that_do_not_go_together_are_told(scene, options, said: str) -> None:

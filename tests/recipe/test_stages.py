@@ -2,38 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import pytest
-from networks.two_planes import row_of_cameras
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.graphs.artifacts import models_dir
-from tinysplat_runtime.graphs.ways import Grouped, OneByOne, SmallCopies, Way
 from tinysplat_runtime.recipe.encode import raw_bytes
-from tinysplat_runtime.scene.scenes import Frame, Scene
-
-
-@pytest.mark.parametrize(
-    ("count", "side", "model", "way"),
-    [
-        (2, 480, "edge", Grouped),
-        (3, 480, "edge", OneByOne),
-        (7, 480, "edge", OneByOne),
-        (7, 480, "sweep", Grouped),
-        (2, 600, "edge", SmallCopies),
-        (7, 600, "edge", SmallCopies),
-        (7, 600, "models/edge.onnx", Grouped),
-    ],
-)
-def test_captures_go_photo_by_photo_and_large_photos_in_small(count, side, model, way) -> None:
-    model = str(models_dir() / model.split("/")[1]) if "/" in model else model
-    cameras = row_of_cameras(count, side, side)
-    scene = Scene(Path("made"), tuple(Frame(camera, Path("x.png")) for camera in cameras), 1.0, 2.0)
-    store = ts.Runtime(threads=1).store
-    assert type(Way.of(scene, model, store, threads=1)) is way
-    assert Way.of(scene, model, store, threads=1, whole=True) == Grouped(store, model)
 
 
 def test_a_report_says_what_was_measured() -> None:

@@ -86,7 +86,7 @@ def test_memory_stays_bounded_when_every_gaussian_crosses_the_picture(scales, co
 
 
 def test_a_pile_of_gaussians_on_one_pixel_is_drawn_front_to_back():
-    count = 100_000
+    count = 30_000
     means = np.zeros((count, 3))
     means[:, 2] = np.linspace(5, 1, count)  # the last is in front
     scene = cloud(count, means=means, scales=np.full((count, 3), 1e-6), opacities=np.full(count, 0.01))

@@ -87,22 +87,6 @@ def test_shares_of_a_capture_are_continuous(places, seed):
     assert np.abs(shares[1] - shares[0]).max() <= 4e-6 / min(room) + 1e-12
 
 
-def test_coarse_surfaces_are_those_of_the_views_around_and_change_with_the_camera_s_place():
-    distances = 0.1 * np.arange(1, 41)
-    views, camera = row(distances)
-    behind = views.shares(camera).behind
-    assert behind[0] == 1 and (np.diff(behind) <= 0).all() and behind[-1] == 0
-    assert np.count_nonzero(behind) > np.count_nonzero(views.shares(camera).whole)
-    two, camera = row(distances[:2])
-    assert not two.shares(camera).behind.any()
-
-
-def test_one_view_that_is_left_is_drawn_whole_and_by_depth():
-    views, camera = row([0.1, 0.2, 0.3])
-    shares = views.shares(camera, without=[0, 2])
-    np.testing.assert_array_equal((shares.front, shares.whole, shares.behind), ([0, 0, 0], [0, 1, 0], [0, 0, 0]))
-
-
 def test_a_frame_of_a_capture_takes_memory_for_the_near_views_alone():
     sizes = []
     for views in (8, 40):

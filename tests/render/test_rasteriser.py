@@ -96,13 +96,13 @@ def clouds(draw: st.DrawFn) -> Gaussians:
     )
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(clouds(), cameras())
 def test_clouds_are_drawn_as_they_are_defined(gaussians: Gaussians, camera: Camera) -> None:
     agree(gaussians, camera)
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(photographed())
 def test_photos_gaussians_are_drawn_as_they_are_defined(made: tuple[Gaussians, Camera, dict[str, str]]) -> None:
     agree(*made)

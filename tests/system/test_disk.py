@@ -64,16 +64,6 @@ def test_memory_holds_a_share_of_what_is_worked_on_and_nothing_is_lost(until: Ca
 
 
 @on_linux
-def test_nobody_looks_after_arrays_that_are_gone(until: Callable[..., None]) -> None:
-    until(lambda: not watched())
-    array = disk.zeros(SHAPE)
-    assert watched()
-    del array
-    until(lambda: not watched())
-    assert (disk.zeros(SHAPE)[3] == 0).all()
-
-
-@on_linux
 def test_disk_is_given_back_and_shows_no_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, until: Callable[..., None]
 ) -> None:

@@ -77,13 +77,6 @@ def test_quiet_work_is_silent(said: Callable[[bool], io.StringIO]) -> None:
     assert stream.getvalue() == ""
 
 
-def test_where_nobody_knows_how_many_there_are_only_those_done_are_said(said: Callable[[bool], io.StringIO]) -> None:
-    stream = said(terminal=True)
-    for item in progress(range(2), None, "fuse", quiet=False, note=lambda: "busy"):
-        if item == 1:
-            assert re.search(r"fuse.*\b1\b", until(stream, "busy", 2))
-
-
 def test_all_items_come_beside_a_bar(said: Callable[[bool], io.StringIO], monkeypatch: pytest.MonkeyPatch) -> None:
     tqdm = pytest.importorskip("tqdm")
     said(terminal=True)
@@ -104,18 +97,8 @@ def compiling(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.where(np.arange(count) == 0, 6.0, rng.uniform(0.8, 1.2, count))
 
 
-def busier(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Another job begins after a third of the way."""
-    return np.where(np.arange(count) * 3 < count, 1.0, 1.5)
-
-
-def quieter(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Other jobs end one by one."""
-    return np.linspace(1.6, 1.0, count)
-
-
 @pytest.mark.parametrize("count", [12, 24, 200])
-@pytest.mark.parametrize("kind", [alike, uneven, compiling, busier, quieter])
+@pytest.mark.parametrize("kind", [alike, uneven, compiling])
 def test_what_is_announced_is_what_it_takes(kind: Callable, count: int) -> None:
     """Within a factor of 1.5 from the second tenth of the way on, by a clock of our own."""
     taken = kind(np.random.default_rng(count), count)

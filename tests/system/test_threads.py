@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 
 import pytest
 
@@ -17,18 +16,6 @@ def test_results_come_in_the_order_of_the_items(threads, count):
     results = Crew(threads).map(lambda n: done.append(n) or n * n, range(count))
     assert results == [n * n for n in range(count)]
     assert sorted(done) == list(range(count))
-
-
-def test_the_caller_is_one_of_the_threads():
-    meeting = threading.Barrier(3, timeout=20)
-
-    def job(_):
-        meeting.wait()  # only passes when three work at once
-        return threading.current_thread()
-
-    workers = Crew(3).map(job, range(3))
-    assert threading.current_thread() in workers
-    assert len(set(workers)) == 3
 
 
 @pytest.mark.parametrize("threads", [1, 3])
