@@ -1,4 +1,4 @@
-"""What is measured of time and memory is the work's own: turns are taken, children's seconds counted, what was loaded
+"""What is measured of time and memory is the work's own: children's seconds counted, what was loaded
 before the work not.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from scenes import refusing
 
-from tinysplat.measure.clock import Variant, measure, measure_apart, timed
+from tinysplat.measure.clock import measure_apart, timed
 from tinysplat_runtime.errors import TinySplatError
 
 HOG = """
@@ -25,14 +25,6 @@ def load(megabytes):
         return {"megabytes": megabytes}
     return work
 """
-
-
-def test_rounds_interleave_variants_after_one_that_warms_up_and_gives_figures():
-    calls: list[str] = []
-    variants = [Variant(name, lambda n=name: calls.append(n) or n, lambda n: {"name": n}) for name in "AB"]
-    rows = measure("s", "c", variants, 3)
-    assert "".join(calls).endswith("ABABAB") and len(calls) > 6
-    assert [(row.costs["rounds"], row.figures["name"]) for row in rows] == [(3, "A"), (3, "B")]
 
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the mark can be set back on Linux alone")

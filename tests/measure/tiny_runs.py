@@ -29,7 +29,7 @@ def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
         sources,
         list(paths),
         ["sweep"],
-        Options(**{"size": (48, 64), "rounds": 1, **options}),
+        Options(**{"size": (48, 64), **options}),
         [str(entry) for entry in left_out],  # type: ignore[arg-type]
     )
 

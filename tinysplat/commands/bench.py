@@ -69,7 +69,6 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of photos; growth, walk")
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
     of.add_argument("--drawn", type=size, metavar="WxH", help="that pictures are judged at; default --size; walk")
-    of.add_argument("--rounds", type=int, default=0, metavar="N", help="of timing; default the study's")
 
 
 def run(args: Namespace) -> None:

@@ -1,8 +1,6 @@
-"""The one clock: ways to do the same work, timed in interleaved rounds (A B C A B C …), so that a machine's mood falls
-on all alike; and seconds and peak memory of a piece of work in a process of its own.
+"""The one clock: wall-clock and CPU seconds of a call, and seconds and peak memory of work in a process of its own.
 
-The first round warms up and is not counted; its results are what the figures are taken from. Wall-clock medians come
-with the CPU seconds of this process and its children, which neighbours on a shared machine disturb less.
+CPU seconds are those of this process and its children, which neighbours on a shared machine disturb less.
 """
 
 from __future__ import annotations
@@ -12,26 +10,21 @@ import gc
 import importlib
 import json
 import resource
-import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.system.stopwatch import peak_rss_bytes
 
-from .rows import Row
-
 Figures = dict[str, Any]
 
 TIMEOUT_S = 3600
 """Of work in a process of its own."""
-
-LEAST_ROUNDS = 3
 
 SETTLE_S = 0.03
 """Idle threads of a BLAS spin for about 20 ms after their work; a call begins when they have stopped."""
@@ -39,51 +32,6 @@ SETTLE_S = 0.03
 T = TypeVar("T")
 Times = tuple[float, float]
 """Wall-clock and CPU seconds of one call."""
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One way to do some work.
-
-    Attributes:
-        name: unique among those compared.
-        run: the work that is timed.
-        figures: errors and bytes of `run`'s result: all that two runs on one machine must agree on exactly.
-        setting: what sets it apart, for tables and plots.
-    """
-
-    name: str
-    run: Callable[[], object]
-    figures: Callable[[Any], Figures] = lambda _: {}
-    setting: Mapping[str, Any] = field(default_factory=dict)
-
-
-def measure(
-    study: str, subject: str, variants: Sequence[Variant], rounds: int, budget_s: float = float("inf")
-) -> list[Row]:
-    """A row per variant, in their order, of so many counted rounds, or of fewer (`LEAST_ROUNDS`) that take so long.
-
-    `costs` are `seconds` and `cpu` (medians), and `rounds`.
-
-    Raises:
-        TinySplatError: a variant cannot work.
-    """
-    figures = [variant.figures(variant.run()) for variant in variants]
-    times: list[list[Times]] = [[] for _ in variants]
-    gc.freeze()  # so that collecting before every call looks at what the calls made, not at all of torch
-    start = time.perf_counter()
-    for done in range(rounds):
-        if done >= LEAST_ROUNDS and time.perf_counter() - start > budget_s:
-            break
-        for variant, own in zip(variants, times, strict=True):
-            own.append(timed(variant.run))
-    gc.unfreeze()
-    rows = []
-    for variant, figured, own in zip(variants, figures, times, strict=True):
-        seconds, cpu = (statistics.median(one[i] for one in own) for i in (0, 1))
-        costs = {"seconds": seconds, "cpu": cpu, "rounds": len(own)}
-        rows.append(Row(study, subject, variant.name, variant.setting, figured, costs))
-    return rows
 
 
 def timed(run: Callable[[], object]) -> Times:

@@ -8,20 +8,13 @@ A place is filled from committed rows and stands between two marks:
 
 The file lies in `benchmarks/reports/`; the words behind the colon name a table of a study (`Study.tables`), and behind
 it, if need be, what chooses rows: `table where subject=…; way=…`. Marks may stand within a line; those behind a
-backtick are talked about. A plot is drawn from the newest report there that has rows for it:
-
-    <!-- plotted waits -->
-    ![What users wait for](docs/waits.png)
-    …
-    <!-- end -->
+backtick are talked about.
 """
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +22,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import write_atomically
 
 from .machine import RUN
-from .rows import ROWS, Row, read_rows
+from .rows import Row, read_rows
 from .show import quality
 from .studies import STUDIES, find_study
 
@@ -39,11 +32,6 @@ REPORTS = Path("benchmarks", "reports")
 _MARK = re.compile(
     r"(?<!`)(?P<open><!-- measured (?P<file>[^\s:]+): (?P<table>[^>]+?) -->)(?P<text>.*?)(?P<close><!-- end -->)",
     re.DOTALL,
-)
-
-
-_PLOT = re.compile(
-    r"(?<!`)<!-- plotted (?P<plot>[^>]+?) -->\n(?P<image>!\[[^]]*\]\((?P<path>[^)]+)\)).*?<!-- end -->", re.DOTALL
 )
 
 
@@ -111,22 +99,11 @@ def fill_pages(root: Path) -> list[Path]:
     changed = []
     for path in pages(root):
         text = path.read_text("utf-8")
-        new = _PLOT.sub(partial(_plotted, root=root, page=path), filled(text, root, path.name))
+        new = filled(text, root, path.name)
         if new != text:
             write_atomically(path, new.encode())
             changed.append(path)
     return changed
-
-
-def _plotted(match: re.Match[str], root: Path, page: Path) -> str:
-    """A plot drawn anew beside its page, and the line that says which report it is of; as it was where none has it."""
-    draw = _shown("plots", match["plot"], page.name)
-    for path in sorted((root / REPORTS).glob(f"*/{ROWS}"), reverse=True):
-        if draw(page.parent / match["path"], read_rows(path)):
-            report = os.path.relpath(path.with_name(REPORT_MD), page.parent)
-            mark = f"<!-- plotted {match['plot']} -->"
-            return f"{mark}\n{match['image']}\n\n*From [{path.parent.name}]({report}).*\n<!-- end -->"
-    return match[0]
 
 
 def _marked(path: Path, words: str, page: str) -> str:
@@ -137,17 +114,12 @@ def _marked(path: Path, words: str, page: str) -> str:
         for row in read_rows(path)
         if all(str(getattr(row, key, row.setting.get(key))) == value for key, value in wanted.items())
     ]
-    text = _shown("tables", name, page)(rows)
+    tables = dict(quality.TABLES) | {
+        key: one for study in map(find_study, STUDIES) for key, one in study.tables.items()
+    }
+    if name not in tables:
+        raise InputError(f"no study has a table '{name}'", where=page)
+    text = tables[name](rows)
     if not text:
         raise InputError(f"{path.name} has no rows for '{words}'", where=page)
     return text
-
-
-def _shown(kind: str, name: str, page: str) -> Any:
-    """One of all studies' `tables` or `plots`."""
-    shown = {key: one for study in map(find_study, STUDIES) for key, one in getattr(study, kind).items()}
-    if kind == "tables":
-        shown |= quality.TABLES
-    if name not in shown:
-        raise InputError(f"no study has {kind} '{name}'", where=page)
-    return shown[name]

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from .rows import Row, RowFile
 from .show.tables import Table
-from .subjects.cases import Case, Source, Window
-from .subjects.room import Motorcycle, Room
+from .subjects.cases import Source
 from .subjects.sources import FolderSource
 
 Plot = Callable[[Path, Sequence[Row]], bool]
@@ -49,7 +47,6 @@ class Options:
         views: numbers of photos; empty for the study's own.
         size: (height, width) of photos, or None for the study's own.
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
-        rounds: of timing; 0 for the study's own.
     """
 
     models: tuple[str, ...] = ()
@@ -57,7 +54,6 @@ class Options:
     views: tuple[int, ...] = ()
     size: tuple[int, int] | None = None
     drawn: tuple[int, int] | None = None
-    rounds: int = 0
 
 
 @dataclass
@@ -109,23 +105,3 @@ class Run:
                     yield from measure(source.name, load_scene(source.path, near=source.near, far=source.far))
                 except TinySplatError as error:
                     self.left_out.append(f"left out {source.name}: {error}")
-
-    @cached_property
-    def case(self) -> Case:
-        """What is waited for: the first scene with photos, else the first file; without inputs, real photos."""
-        sources = sorted(self.sources, key=lambda source: not source.needs_network) or [_built_in()]
-        source, size = sources[0], (self.side, self.side)
-        case = source.case(source.windows()[0][0], self.models[0], size, self.runtime).with_inputs()
-        if not source.needs_network:
-            return case
-        views = len(case.gaussians.cameras)
-        return replace(case, name=f"{self.models[0]} on {case.name}, {views}×{size[1]}×{size[0]}")
-
-
-def _built_in() -> Source:
-    """Real photos where they are at hand, else a room."""
-    try:
-        Motorcycle().shots(Window("motorcycle", (0,), (1,)), (16, 16))
-    except InputError:
-        return Room()
-    return Motorcycle()

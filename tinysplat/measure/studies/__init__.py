@@ -15,13 +15,12 @@ STUDIES = {
     "formats": "interchange.INTERCHANGE",
     "list": "lists.LIST",
     "growth": "growth.GROWTH",
-    "waits": "waiting.WAITING",
     "walk": "walking.WALK",
     "poses": "placing.PLACING",
 }
 """By name, where it stands in this package; docs/MEASURING.md says what it asks."""
 
-ORDINARY = ("waits", "formats", "growth")
+ORDINARY = ("formats", "growth")
 """What is measured where no study is named."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +15,6 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.masked import hidden
 from tinysplat_runtime.graphs.predict import predict
-from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
 from tinysplat_runtime.scene.pictures import write_png
@@ -165,17 +164,6 @@ class Case:
         """Gaussians that no network made here, and where pictures of them are taken."""
         nothing = (None,) * len(cameras)
         return cls(name, name, gaussians, tuple(cameras), nothing, nothing)
-
-    def with_inputs(self) -> Case:
-        """Seen from its input views too; where no photo lies between them, from midway between the first two."""
-        views = self.gaussians.cameras
-        images = [None] * len(views) if self.shots is None else list(self.shots.context.images)
-        cameras, photos = self.cameras, self.photos
-        if not cameras:
-            cameras = tuple(between(list(views[:2]), 3)[1:2])
-            photos = (None,) * len(cameras)
-        depths = (None,) * (len(views) + len(cameras))
-        return replace(self, cameras=(*views, *cameras), photos=(*images, *photos), depths=depths)
 
 
 def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
