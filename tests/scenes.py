@@ -292,6 +292,21 @@ def drawn_psnr(found: Gaussians, wanted: Gaussians) -> float:
     return psnr(*(np.concatenate([picture.ravel() for picture in pictures]) for pictures in drawn))
 
 
+def assert_same(found: Gaussians, wanted: Gaussians, views: list[int] | None = None) -> None:
+    """The same numbers, cameras, origin and notes in all layers; of some views, where they are given."""
+    assert found.notes == wanted.notes
+    for one, other in zip(found.layers, wanted.layers, strict=True):
+        np.testing.assert_array_equal(one.origin, other.origin)
+        for name in FIELDS:
+            array = getattr(other, name)
+            np.testing.assert_array_equal(getattr(one, name), array if views is None else array[views], err_msg=name)
+        cameras = other.cameras if views is None else [other.cameras[view] for view in views]
+        for own, its in zip(one.cameras, cameras, strict=True):
+            np.testing.assert_array_equal(own.c2w, its.c2w)
+            np.testing.assert_array_equal(own.K, its.K)
+            assert (own.width, own.height) == (its.width, its.height)
+
+
 def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) -> str:
     """What a reader says of a file that it must refuse: one short line, which begins with the file's name."""
     with pytest.raises(InputError) as caught:

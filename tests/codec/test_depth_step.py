@@ -14,7 +14,6 @@ from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_of
 from tinysplat_runtime.codec.depth_step.probe import Probe
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render import DEFINITION, Renderer, between
 
 
@@ -61,15 +60,6 @@ def test_damage_is_what_errors_do_to_the_picture_between_the_cameras(height, lay
     found = (probe.damage if kind == "depth" else probe.opacity_damage)(errors)
     assert found == pytest.approx(_difference(scene, errors, kind), rel=slack)
     assert (probe.damage if kind == "depth" else probe.opacity_damage)([0 * error for error in errors]) < 1e-12
-
-
-def test_contrast_is_how_much_neighbours_differ_where_they_are_opaque():
-    scene = make_smooth_gaussians(2, 70, 12, degree=1)
-    colours = (0.5 + C0 * scene.sh[..., 0, :].astype(np.float64)).clip(0, 1)
-    wanted = np.zeros(scene.opacities.shape)
-    wanted[:, :, :-1] += np.square(np.diff(colours, axis=2)).sum(axis=-1)
-    wanted[:, :-1] += np.square(np.diff(colours, axis=1)).sum(axis=-1)
-    np.testing.assert_allclose(contrast(scene), wanted * scene.opacities.astype(np.float64) ** 2, atol=1e-6)
 
 
 def test_blocks_are_coded_more_coarsely_the_less_they_show():

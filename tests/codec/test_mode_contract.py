@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians, write_scene
+from scenes import assert_same, make_smooth_gaussians, write_scene
 from sections import beside, file_of, sections_of
 
 import tinysplat_runtime as ts
@@ -131,20 +131,14 @@ def test_files_come_back_as_finite_gaussians_of_their_mode_with_their_notes(file
     assert read_container(files[name]).mode == mode_of(name)
     assert decoded.notes.attribution == "somebody"
     assert all(np.isfinite(getattr(layer, field)).all() for layer in decoded.layers for field in FIELDS)
-    assert_alike(decoded, again)
-
-
-def assert_alike(found: ts.Gaussians, wanted: ts.Gaussians) -> None:
-    for layer, same in zip(found.layers, wanted.layers, strict=True):
-        for field in FIELDS:
-            np.testing.assert_array_equal(getattr(layer, field), getattr(same, field))
+    assert_same(decoded, again)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_threads_change_neither_bytes_nor_gaussians(files, jobs, name):
     job = replace(jobs[name], threads=3, stats=EncodeStats())
     assert find_mode(mode_of(name)).encode(job) == files[name]
-    assert_alike(ts.Runtime(threads=3).decompress(files[name]), RUNTIME.decompress(files[name]))
+    assert_same(ts.Runtime(threads=3).decompress(files[name]), RUNTIME.decompress(files[name]))
 
 
 @pytest.mark.parametrize("name", ["gaussians", "lossless", "list"])

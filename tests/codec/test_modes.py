@@ -13,7 +13,7 @@ from sections import changed_section
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.container import photos as records
-from tinysplat_runtime.errors import InputError, ModelError
+from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import models_dir
 
@@ -65,17 +65,3 @@ def test_a_users_own_network_is_found_when_it_is_given(scene, tmp_path):
     assert ts.inspect(data)["network"]["name"] == "mine"
     decoded = RUNTIME.decompress(data, model=str(own))
     assert all(np.isfinite(getattr(decoded, name)).all() for name in FIELDS)
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"mode": "film"}, "gaussians, photos"),
-        ({"mode": "photos", "target_size": 9000}, "target"),
-        ({"mode": "photos", "target_psnr": 40.0}, "target"),
-        ({"mode": "photos", "qp": float("nan")}, "qp"),
-    ],
-)
-def test_contradictory_modes_are_refused(scene, raw, options, named):
-    with refusing(InputError, named):
-        RUNTIME.encode(scene, gaussians=raw, **options)

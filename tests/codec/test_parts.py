@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians, refusing
+from scenes import assert_same, make_smooth_gaussians, refusing
 from sections import Pict, sections_of
 
 import tinysplat_runtime as ts
@@ -35,16 +35,6 @@ def data(gaussians):
 def opened(source: object, **options: int) -> SceneFile:
     """A file whose metadata take several reads, as those of a thousand views."""
     return SceneFile(ranges_of(source), GraphStore(), threads=2, first_bytes=64, **options)
-
-
-def assert_same(found: ts.Gaussians, whole: ts.Gaussians, views: list[int]) -> None:
-    assert found.notes == whole.notes
-    for layer, of_whole in zip(found.layers, whole.layers, strict=True):
-        for name in FIELDS:
-            np.testing.assert_array_equal(getattr(layer, name), getattr(of_whole, name)[views])
-        for camera, view in zip(layer.cameras, views, strict=True):
-            np.testing.assert_array_equal(camera.K, of_whole.cameras[view].K)
-            np.testing.assert_array_equal(camera.c2w, of_whole.cameras[view].c2w)
 
 
 @pytest.mark.parametrize("views", [[0], [7, 2], [1, 8, 3, 4]])

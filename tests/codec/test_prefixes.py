@@ -25,13 +25,6 @@ def _ends(data: bytes) -> list[int]:
     return [prefix["bytes"] for prefix in ts.inspect(data)["prefixes"]]
 
 
-def test_prefixes_end_with_the_file_and_add_every_coded_plane_once(data):
-    described = ts.inspect(data)
-    added = [(p["layer"], name) for p in described["prefixes"] for name in p["adds"]]
-    assert _ends(data) == sorted(_ends(data)) and _ends(data)[-1] == len(data)
-    assert sorted(added) == sorted((p["layer"], p["name"]) for p in described["planes"] if p["bytes"])
-
-
 def test_every_listed_prefix_is_nearer_to_the_whole_than_the_one_before(data):
     whole = ts.decompress(data)
     shown = [drawn_psnr(whole, ts.decompress(data, max_bytes=end)) for end in _ends(data)[:-1]]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import make_smooth_gaussians, refusing
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.profiles import PROFILES
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.render import Renderer
 
 RUNTIME = ts.Runtime(threads=2)
@@ -37,18 +36,3 @@ def test_a_target_size_is_hit_within_3_percent_from_below(gaussians, profile, sh
 def test_a_target_psnr_is_reached_and_passed_by_at_most_a_fifth_of_a_decibel(gaussians, profile, target):
     data = RUNTIME.compress(gaussians, profile, target_psnr=target)
     assert target <= _psnr(gaussians, ts.decompress(data)) + 1e-3 <= target + 0.2 + 2e-3
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"qp": 0, "target_size": 1000}, "target_size: given with qp"),
-        ({"target_psnr": 40, "target_size": 1000}, "target_psnr: given with target_size"),
-        ({"target_size": 0}, "target_size"),
-        *(({"lossless": True, name: value}, "lossless") for name, value in (("qp", 0), ("target_size", 1000))),
-        ({"target_psnr": float("nan")}, "target_psnr"),
-    ],
-)
-def test_contradictory_and_impossible_options_are_refused(gaussians, options, named):
-    with refusing(InputError, named):
-        RUNTIME.compress(gaussians, **options)

@@ -227,17 +227,3 @@ def test_damage_costs_the_view_or_the_picture_that_it_hits_and_both_are_named(da
     with refusing(FormatError, "4"):
         ts.decompress(bytes(damaged), views=[4])
     np.testing.assert_array_equal(ts.decompress(bytes(damaged), views=[3]).means, whole.means[[3]])
-
-
-def test_a_prefix_that_ends_with_the_table_is_told_what_the_metadata_takes(data):
-    data = repacked(data)
-    sections = sections_of(data)
-    end = 20 + 16 * len(sections)
-    metadata = len(data) - len(sections[-1][3])
-    with refusing(FormatError, f"{end} {metadata}"):
-        read_container(data[:end], is_prefix=True)
-    with refusing(FormatError, f"{len(sections)} {end - 1}"):
-        read_container(data[: end - 1], is_prefix=True)
-    assert read_container(data[:metadata], is_prefix=True).total_bytes == len(data)
-    with refusing(FormatError, f"{metadata - 1} {metadata}"):
-        read_container(data[: metadata - 1], is_prefix=True)

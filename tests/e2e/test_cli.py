@@ -11,37 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from console import fail, succeed
+from measure.evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians, psnr, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.api import DEFAULT_MODEL
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.scene.images import read_image
-from tinysplat_runtime.scene.pictures import write_png
 
 SCRIPT = Path(sys.executable).with_name("tinysplat")
 
 
-def _photo(shift: float, height: int = 48, width: int = 64) -> np.ndarray:
-    v, u = np.mgrid[:height, :width]
-    u = u + shift
-    texture = np.stack([np.sin(u / 3) * np.cos(v / 4), np.sin(u / 5 + 1), np.cos(v / 3 + u / 7)], axis=-1)
-    return (127.5 + 120 * texture).astype(np.uint8)
-
-
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
-    """Two photos of a textured plane at z = 4, cameras 0.2 apart: 3 px of disparity."""
-    folder = tmp_path_factory.mktemp("scene")
-    frames = []
-    for index in range(2):
-        write_png(folder / f"{index}.png", _photo(3.0 * index))
-        c2w = np.eye(4)
-        c2w[0, 3] = 0.2 * index
-        K = [[60, 0, 32], [0, 60, 24], [0, 0, 1]]
-        frames.append({"file": f"{index}.png", "width": 64, "height": 48, "K": K, "c2w": c2w.tolist()})
-    (folder / "cameras.json").write_text(json.dumps({"frames": frames, "near": 2.0, "far": 8.0}))
-    return folder
+    return write_eval_scene(tmp_path_factory.mktemp("scene") / "plane", frames=2)
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,6 @@ from pathlib import Path
 
 import console
 import pytest
-from scenes import make_smooth_gaussians
-
-import tinysplat_runtime as ts
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -84,11 +81,3 @@ def test_completions_know_commands_and_options(shell: str) -> None:
     done = tinysplat("completion", shell)
     assert done.returncode == 0, done.stderr
     assert {"encode", "convert", "batch", "--min-opacity"} <= set(re.findall(r"--[a-z-]+|[a-z]+", done.stdout))
-
-
-def test_providers_are_asked_for_by_name(tmp_path: Path) -> None:
-    ts.save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(2, 16, 16))
-    done = tinysplat("compress", tmp_path / "g.npz", "-o", tmp_path / "g.tsplat", "--provider", "CPU")
-    assert done.returncode == 0, done.stderr
-    done = tinysplat("decode", tmp_path / "g.tsplat", "-o", tmp_path / "d.npz", "--provider", "Nope")
-    assert done.returncode == 2 and "Nope" in done.stderr and done.stderr.count("\n") == 1

@@ -112,10 +112,7 @@ def test_extreme_logits_and_logarithms(tmp_path: Path) -> None:
 def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:
     cases: list[tuple[NDArray, str]] = [
         (vertices(3, 1, scale_1=None), "lacks scale_1"),
-        (vertices(3, 1, scale_1=None, scale_2=None), "lacks scale_1, scale_2"),
-        (vertices(3, 1, f_dc_0=None), "lacks f_dc_0"),
         (vertices(3, 1, opacity=None, rot_0=None), "lacks opacity, rot_0"),
-        (vertices(3, 1, f_rest_4=None), "lacks f_rest_4"),
         (vertices(3, 1, f_rest_7=None, f_rest_8=None), "7 f_rest properties"),
         (vertices(3, 1, **{f"f_rest_{i}": None for i in range(3, 9)}), "sh: 2 basis functions"),
     ]
@@ -135,13 +132,9 @@ HOSTILE = {
     "ascii bomb": HEADER % (b"ascii", b"100000000000"),
     "no properties": b"ply\nformat ascii 1.0\nelement vertex 100000000000\nend_header\n",
     "endless count": HEADER % (b"ascii", b"9" * 5000),
-    "negative count": HEADER % (b"ascii", b"-5"),
     "mac line ends": (HEADER % (b"ascii", b"100000000000")).replace(b"\n", b"\r"),
     "no end": b"ply\nformat ascii 1.0\ncomment " + b"x" * 100_000,
-    "other file": b"PK\3\4",
     "nothing": b"",
-    "no format": b"ply\nend_header\n",
-    "unknown type": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\nend_header\n1\n",
     "words": (HEADER % (b"ascii", b"2")) + b"one two three four\n",
 }
 

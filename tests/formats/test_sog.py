@@ -13,7 +13,6 @@ from PIL import Image
 from scenes import make_gaussians, refusing
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.palette import codebook, nearest, palette
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 
@@ -74,27 +73,6 @@ def test_version_1_is_read_as_its_writers_meant_it(tmp_path: Path) -> None:
     (tmp_path / "meta.json").write_text(json.dumps(meta))
     with refusing(InputError, "'version' 'shape'"):
         load_gaussians(tmp_path / "meta.json")
-
-
-def test_a_palette_is_better_than_as_many_vectors_drawn_at_random() -> None:
-    rng = np.random.default_rng(0)
-    vectors = rng.normal(size=(4000, 4)) @ rng.normal(size=(4, 9))
-    chosen, label = palette(vectors, 64)
-    assert chosen.shape == (64, 9)
-    error = ((vectors - chosen[label]) ** 2).sum(axis=1).mean()
-    drawn = vectors[rng.choice(4000, 64, replace=False)]
-    at_random = ((vectors[:, None] - drawn) ** 2).sum(axis=2).min(axis=1).mean()
-    assert error < at_random
-
-
-def test_a_codebook_is_exact_where_values_are_few_and_near_optimal_where_they_are_many() -> None:
-    few = np.array([1.0, 1.0, 5.0, -2.0])
-    np.testing.assert_array_equal(codebook(few)[nearest(few, codebook(few))], few)
-    many = np.random.default_rng(0).normal(size=20_000)
-    levels = codebook(many)
-    error = ((many - levels[nearest(many, levels)]) ** 2).mean()
-    optimum = np.pi * np.sqrt(3) / 2 / 256**2  # Panter and Dite's for a normal distribution of variance 1
-    assert error < 1.5 * optimum
 
 
 def test_members_of_another_compression_are_refused(tmp_path: Path) -> None:

@@ -50,12 +50,6 @@ def test_a_moved_scene_looks_the_same_from_its_moved_cameras(origin: np.ndarray 
         np.testing.assert_array_equal(one.c2w, other.c2w)
 
 
-def test_a_movement_by_nothing_changes_nothing() -> None:
-    scene = make_gaussians(degree=2)
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(similarity(scene), name), getattr(scene, name))
-
-
 def test_selections_keep_what_they_say() -> None:
     scene = make_gaussians(views=3, height=8, width=12, layers=2)
     only = select_views(scene, [2, 0])

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tinysplat_runtime.graphs import kernels_joint as k
 from tinysplat_runtime.graphs.joint import joint_depth
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import doubled
 from tinysplat_runtime.system.threads import Crew
 
 H, W = 48, 64
@@ -152,11 +151,3 @@ def test_a_plane_costs_what_its_definition_says(scene: TracedScene) -> None:
                 continue
             want = reference_cost(grey, colours, inverse, A, b, plane, x, y, first[y, x])
             assert spent[y, x] == pytest.approx(want, abs=2e-3)
-
-
-def test_maps_are_doubled_about_the_middles_of_their_pixels() -> None:
-    down, right = np.mgrid[:6, :8].astype(np.float32)
-    plane = 1 + 2 * right + 3 * down
-    y, x = np.mgrid[:12, :16]
-    want = 1 + 2 * ((x + 0.5) / 2 - 0.5) + 3 * ((y + 0.5) / 2 - 0.5)
-    assert np.allclose((doubled(doubled(plane, 0), 1) / 16)[1:-1, 1:-1], want[1:-1, 1:-1], atol=1e-5)

@@ -14,6 +14,7 @@ import av
 import numpy as np
 import pillow_heif
 from formats.foreign import glb_of_spz
+from scene import trackers
 from scenes import (
     colmap_texts,
     list_in_tiers,
@@ -188,32 +189,19 @@ def colmap_seeds() -> tuple[dict[str, bytes], ...]:
 @lru_cache(maxsize=1)
 def tracker_seeds() -> tuple[tuple[str, dict[str, bytes]], ...]:
     """Names of trackers' files, and what lies in their folders: cameras with distortion, and a photo."""
-    pose = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
-    xml = (
-        '<document><chunk><sensors><sensor id="0" type="frame"><resolution width="8" height="6"/><calibration>'
-        "<f>9</f><k1>0.01</k1><p1>0.001</p1></calibration></sensor></sensors><components><component id='0'><transform>"
-        "<scale>2</scale></transform></component></components><cameras><camera sensor_id='0' component_id='0' "
-        f"label='0'><transform>{pose}</transform></camera></cameras></chunk></document>"
-    )
-    table = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n0.png,1,2,3,10,20,30,40,0,0,0.1,0,0,0,0,0\n"
-    bundle = "# Bundle file v0.3\n1 1\n9 0.1 0\n1 0 0\n0 1 0\n0 0 1\n0 0 0\n1 2 -3\n9 9 9\n1 0 0 1 1\n"
-    lens = {"intrinsicId": "1", "width": "8", "height": "6", "type": "radial3", "distortionParams": ["0.1", "0", "0"]}
-    lens |= {"focalLength": "36", "sensorWidth": "36", "pixelRatio": "1", "principalPoint": ["0", "0"]}
-    transform = {"rotation": ["1", "0", "0", "0", "1", "0", "0", "0", "1"], "center": ["0", "0", "0"]}
-    sfm = {
-        "version": ["1", "2", "8"],
-        "views": [{"viewId": "2", "poseId": "3", "intrinsicId": "1", "path": "/a/0.png"}],
-        "intrinsics": [lens],
-        "poses": [{"poseId": "3", "pose": {"transform": transform}}],
-        "structure": [{"X": ["0", "0", "4"]}],
-    }
-    photo = {"0.png": photo_seeds()[0]}
-    return (
-        ("c.xml", {"c.xml": xml.encode(), **photo}),
-        ("c.csv", {"c.csv": table.encode(), **photo}),
-        ("c.out", {"c.out": bundle.encode(), "list.txt": b"./0.png 0 9\n", **photo}),
-        ("c.sfm", {"c.sfm": json.dumps(sfm).encode(), **photo}),
-    )
+    cameras, made = make_cameras(1, 6, 8), []
+    lens = {"type": "radial3", "distortionParams": ["0.1", "0", "0"]}
+    for write, terms in (
+        (trackers.metashape, {"k1": 0.01, "p1": 0.001}),
+        (trackers.realityscan, {"k1": 0.1}),
+        (trackers.bundler, {"k1": 0.1, "points": [(1, 2, -3)]}),
+        (trackers.meshroom, {**lens, "points": [(0, 0, 4)]}),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            name = write(Path(folder), cameras, **terms).name
+            files = {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
+        made.append((name, {**files, "0000.png": photo_seeds()[0]}))
+    return tuple(made)
 
 
 @lru_cache(maxsize=1)

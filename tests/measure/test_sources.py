@@ -25,26 +25,6 @@ def scene(tmp_path: Path):
     return source
 
 
-def test_a_changed_photo_or_camera_gives_a_windows_figures_another_stamp(scene) -> None:
-    (window,), lost = scene.windows()
-    assert lost == []
-    first = scene.fingerprint(window)
-    assert scene.fingerprint(window) == first
-    frames = scene.scene().frames
-    used = {*window.context, *window.targets}
-    for number, frame in enumerate(frames):
-        stat = frame.path.stat()
-        os.utime(frame.path, ns=(stat.st_atime_ns, stat.st_mtime_ns + 1_000_000_000))
-        assert (scene.fingerprint(window) != first) == (number in used), number
-        os.utime(frame.path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    path = scene.path / "cameras.json"
-    text = path.read_text()
-    path.write_text(text + " ")
-    assert scene.fingerprint(window) != first
-    path.write_text(text)
-    assert scene.fingerprint(window) == first
-
-
 @pytest.mark.parametrize("views", [1, 2, 3])
 def test_a_gaussian_file_is_judged_midway_between_its_views(tmp_path: Path, views: int) -> None:
     gaussians = make_smooth_gaussians(views, 8, 12, 0)

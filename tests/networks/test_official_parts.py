@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from networks.shallow import shallow_network
 from scenes import make_cameras
 from torch import Tensor
 from torch.nn import functional
@@ -78,22 +77,6 @@ def test_harmonics_give_the_colour_that_the_official_basis_gives_in_the_camera(d
     masked = raw.view(3, functions).double().numpy() * coefficient_mask(degree)
     wanted = rendered_basis(in_camera, degree) @ masked.T
     np.testing.assert_allclose(sh_basis(directions, degree) @ sh, wanted, atol=2e-5)
-
-
-@pytest.mark.parametrize(("model", "views"), [("mvsplat_re10k", 3), ("depthsplat_small_re10k", 2)])
-def test_scenes_of_a_batch_do_not_touch_each_other(model: str, views: int) -> None:
-    network = shallow_network(model)
-    K, c2w = (x.float() for x in cameras(views))
-    images = torch.rand(2, views, 3, 64, 64, generator=torch.Generator().manual_seed(4))
-    poses = torch.stack([c2w, cameras(views, spacing=0.5)[1].float()])
-    near = torch.tensor([[1.0], [2.0]]).expand(2, views)
-    both = network(images, K.expand(2, *K.shape), poses, near, near * 50)
-    for scene in range(2):
-        one = slice(scene, scene + 1)
-        alone = network(images[one], K[None], poses[one], near[one], near[one] * 50)
-        for name, value in vars(alone).items():
-            largest = value.abs().max()
-            torch.testing.assert_close(getattr(both, name)[one] / largest, value / largest, atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize(

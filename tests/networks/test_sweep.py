@@ -18,8 +18,8 @@ from tinysplat.networks.geometry import (
     tilt_quats,
     unproject,
 )
-from tinysplat.networks.surfels import CoarseSettings, surface_slopes
-from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep, SweepSettings
+from tinysplat.networks.surfels import surface_slopes
+from tinysplat.networks.sweep import OUTPUT_NAMES, Sweep
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
 
 
@@ -39,25 +39,6 @@ def test_means_of_the_first_layer_project_to_their_pixels_centres():
         local = (view - camera.centre) @ camera.rotation.T @ camera.K.T
         assert np.abs(local[..., 0] / local[..., 2] - column).max() < 1e-3
         assert np.abs(local[..., 1] / local[..., 2] - row).max() < 1e-3
-
-
-def test_coarse_cells_project_to_their_own_grid_and_the_ring_lies_beyond_the_frame():
-    scene, outputs = run_traced(2, 64, 96)
-    settings: CoarseSettings = SweepSettings().coarse
-    height, width = 64 // settings.cell + 2 * settings.ring, 96 // settings.cell + 2 * settings.ring
-    assert outputs["layer1_means"].shape == (2, height, width, 3)
-    row, column = np.mgrid[:height, :width]
-    inside = (np.abs(row + 0.5 - height / 2) < 64 / settings.cell / 2) & (
-        np.abs(column + 0.5 - width / 2) < 96 / settings.cell / 2
-    )
-    for v, camera in enumerate(scene.cameras):
-        local = (outputs["layer1_means"][v].double().numpy() - camera.centre) @ camera.rotation.T
-        own = local @ outputs["layer1_K"][v].double().numpy().T
-        np.testing.assert_allclose(own[..., 0] / own[..., 2], column + 0.5, atol=1e-3)
-        np.testing.assert_allclose(own[..., 1] / own[..., 2], row + 0.5, atol=1e-3)
-        photo = local @ camera.K.T
-        x, y = photo[..., 0] / photo[..., 2], photo[..., 1] / photo[..., 2]
-        assert (((x > 0) & (x < 96) & (y > 0) & (y < 64)) == inside).all()
 
 
 def test_warp_agrees_with_projecting_points_in_float64():

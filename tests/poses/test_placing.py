@@ -10,16 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from poses.walls import textured, write_photos_of_walls
 
-from tinysplat.poses.placing import (
-    MASKS,
-    Placement,
-    coloured_points,
-    contradicted,
-    copies,
-    pairs_of_many,
-    place,
-    uncertainty,
-)
+from tinysplat.poses.placing import MASKS, Placement, coloured_points, contradicted, copies, pairs_of_many, place
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 
@@ -78,49 +69,6 @@ def test_a_photo_whose_matches_contradict_its_place_is_named(placed: tuple[NDArr
     pose = image.cam_from_world()
     image.frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + np.array([0.0, 1.5, 0.0]))
     assert contradicted(model, work / "database.db") == {"3.png"}
-
-
-def ids_of(point: pycolmap.Point3D) -> set[int]:
-    return {element.image_id for element in point.track.elements}
-
-
-def test_how_uncertain_places_are_follows_from_what_a_pixel_at_points_moves(
-    placed: tuple[NDArray, list[Placement], Path],
-) -> None:
-    model = pycolmap.Reconstruction(placed[1][0].model)
-    for key in sorted(model.points3D)[60:]:
-        model.delete_point3D(key)
-    images, points = list(model.images.values()), list(model.points3D.values())
-    sights = [(v, n) for n, p in enumerate(points) for v, i in enumerate(images) if i.image_id in ids_of(p)]
-    lens = next(iter(model.cameras.values()))
-
-    def at(v: int, moved: NDArray) -> tuple[NDArray, NDArray]:
-        pose, (turn, shift) = images[v].cam_from_world(), moved[6 * v :][:6].reshape(2, 3)
-        return (pycolmap.Rotation3d(turn) * pose.rotation).matrix(), pose.translation + shift
-
-    def seen(moved: NDArray) -> NDArray:
-        of_points = moved[6 * len(images) :].reshape(-1, 3)
-        rows = [(R @ (points[n].xyz + of_points[n]) + t) for v, n in sights for R, t in [at(v, moved)]]
-        return lens.img_from_cam(np.stack(rows)).ravel()
-
-    def centres(moved: NDArray) -> NDArray:
-        return np.concatenate([-R.T @ t for R, t in (at(v, moved) for v in range(len(images)))])
-
-    steps = 1e-5 * np.eye(6 * len(images) + 3 * len(points))
-    J, places = (np.stack([(f(row) - f(-row)) / 2e-5 for row in steps], axis=1) for f in (seen, centres))
-    spread = places @ np.linalg.pinv(J.T @ J, rcond=1e-12) @ places.T
-    found = centres(0 * steps[0]).reshape(-1, 3)
-    # Gauges: all places moved, turned about their middle, scaled.
-    away = found - found.mean(axis=0)
-    gauges = [np.tile(e, (len(images), 1)) for e in np.eye(3)] + [np.cross(e, away) for e in np.eye(3)] + [away]
-    basis = np.linalg.qr(np.stack([gauge.ravel() for gauge in gauges], axis=1))[0]
-    left = np.eye(len(basis)) - basis @ basis.T
-    expected = np.sqrt(np.diag(left @ spread @ left).reshape(-1, 3).sum(axis=1)) / (
-        2 * np.linalg.norm(away, axis=1).max()
-    )
-    expected *= model.compute_mean_reprojection_error()
-    by_name = uncertainty(model)
-    np.testing.assert_allclose([by_name[image.name] for image in images], expected, rtol=0.02)
 
 
 def test_places_of_a_camera_that_hardly_moved_are_uncertain(tmp_path: Path) -> None:

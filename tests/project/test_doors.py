@@ -12,8 +12,6 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 TESTS = Path(__file__).parents[1]
 OURS = ("tinysplat", "tinysplat_runtime", "tinysplat_models", "export")
 ALLOWED = Path(__file__).with_name("allowed.txt")
@@ -108,35 +106,6 @@ def test_tests_name_nothing_private_of_the_project_and_replace_none_of_its_parts
         for _, line, what in by_the_back_door((TESTS / name).read_text(encoding="utf-8"))
     ]
     assert more == {}, "\n".join(["reach it by a public name, or make it one:", *said])
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "from tinysplat_runtime.codec.list import _order",
-        "from tinysplat_runtime.codec import free; free.order._tables",
-        "def test(runtime): runtime.store._graphs",
-        "from tinysplat_runtime.system import files; monkeypatch.setattr(files.os, 'open', None)",
-        "monkeypatch.setattr('tinysplat_runtime.codec.analysis.BLOCK', 1)",
-        "monkeypatch.setitem(sys.modules, 'numba', None); monkeypatch.delattr(found, 'compiled')",
-        "monkeypatch.setattr(sys.modules['tinysplat_runtime.render'], 'compiled', None)",
-        "CODE = 'from tinysplat_runtime.cli import doctor; doctor._BASE'",
-    ],
-)
-def test_what_comes_in_by_the_back_door_is_seen(line: str) -> None:
-    assert len(list(by_the_back_door(f"import sys\n{line}"))) == 1
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "monkeypatch.setattr(sys, 'argv', [])",
-        "from tinysplat_runtime.codec import free; free.order",
-        "class Own:\n    def get(self): return self._own",
-    ],
-)
-def test_what_belongs_to_the_world_or_to_the_test_itself_is_left_alone(line: str) -> None:
-    assert list(by_the_back_door(f"import sys\n{line}")) == []
 
 
 if __name__ == "__main__":  # writes the list anew, which only ever makes it shorter

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import make_list, make_smooth_gaussians
+from scenes import assert_same, make_list, make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.profiles import PROFILES
@@ -50,20 +50,6 @@ def clouds(draw: st.DrawFn, most: int = 200) -> Gaussians:
     fields = {name: getattr(made, name)[rows] for name in FIELDS}
     fields["scales"] = size * fields["scales"]
     return Gaussians(**fields, origin=draw(ORIGIN)).with_notes(draw(NOTES))
-
-
-def assert_same(found: Gaussians, wanted: Gaussians, views: list[int] | None = None) -> None:
-    """The same numbers, cameras, origin and notes; of some views, where they are given."""
-    assert len(found.layers) == len(wanted.layers) and found.notes == wanted.notes
-    np.testing.assert_array_equal(found.origin, wanted.origin)
-    for one, other in zip(found.layers, wanted.layers, strict=True):
-        at = slice(None) if views is None else views
-        for name in FIELDS:
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name)[at], err_msg=name)
-        cameras = other.cameras if views is None else [other.cameras[view] for view in views]
-        for own, its in zip(one.cameras, cameras, strict=True):
-            np.testing.assert_array_equal(own.c2w, its.c2w)
-            np.testing.assert_array_equal(own.K, its.K)
 
 
 @given(g=st.one_of(captures(), clouds()), suffix=st.sampled_from([".npz", ".safetensors"]))

@@ -41,22 +41,6 @@ def test_a_removal_costs_what_pictures_without_it_show(cloud):
         assert sums[row, kernels.COST] == pytest.approx(np.square(without - whole).sum(), rel=2e-3)
 
 
-def test_errors_are_those_of_the_pictures_and_of_what_they_were_first(cloud):
-    cameras, run = ring(cloud, 2), Crew(1).map
-    pictures = Pictures(cameras, run)
-    first = [drawn(cloud, camera) for camera in cameras]
-    assert len(list(pictures.measure(cloud, [1, 0]))) == 2 and list(pictures.errors(cloud)) == [0, 0]
-    others = Pictures(cameras, run)
-    others.keep(cloud)
-    assert all((others.wanted[number] == pictures.wanted[number]).all() for number in (0, 1))
-    for number, seen in enumerate(first):
-        wanted = pictures.wanted[number]
-        np.testing.assert_allclose(np.minimum(wanted, 1), seen[..., :3], atol=2e-5)
-    half = cloud.taken(np.arange(0, 400, 2))
-    for error, camera, wanted in zip(pictures.errors(half), cameras, first, strict=True):
-        assert error == pytest.approx(np.square(drawn(half, camera) - wanted)[..., :3].sum(), rel=1e-3)
-
-
 def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
     """Σ w·(wanted − C) is half of what the error falls by with a Gaussian's colour."""
     dim, step = replace(cloud, sh=0.3 * cloud.sh), 2e-2

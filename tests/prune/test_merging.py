@@ -13,7 +13,7 @@ from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_mat
 
 pytest.importorskip("numba")
 
-from tinysplat_runtime.prune.merging import merged, principal_axes
+from tinysplat_runtime.prune.merging import merged
 
 
 def covariances(gaussians: Gaussians) -> np.ndarray:
@@ -73,16 +73,3 @@ def test_what_is_unlike_stays_as_it_is(pairs: Gaussians, change: str) -> None:
     apart = replace(pairs, **other)
     found = merged(apart, np.arange(40), np.arange(40, 80))
     assert all((getattr(found, name) == getattr(apart, name)[:40]).all() for name in FIELDS)
-
-
-def test_axes_and_turns_make_the_matrix_again() -> None:
-    rng = np.random.default_rng(3)
-    made = rng.normal(size=(200, 3, 3)) * np.exp(rng.uniform(-4, 4, (200, 1, 3)))
-    wanted = made @ made.swapaxes(1, 2)
-    wanted[0], wanted[1], wanted[2] = np.eye(3), np.diag([4.0, 1.0, 9.0]), [[2.0, 1, 0], [1, 2, 0], [0, 0, 5]]
-    wanted[3] = [[1.0, -1, 0], [-1, 1, 0], [0, 0, 1]]
-    lengths, turns = principal_axes(wanted)
-    axes = quats_to_matrices(turns) * lengths[:, None]
-    largest = np.abs(wanted).max(axis=(1, 2))[:, None, None]
-    np.testing.assert_allclose(axes @ axes.swapaxes(1, 2) / largest, wanted / largest, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1, atol=1e-12)

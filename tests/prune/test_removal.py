@@ -26,7 +26,6 @@ from tinysplat_runtime.system.threads import Crew
 pytest.importorskip("numba")
 
 from tinysplat_runtime.codec.list.views import views_about
-from tinysplat_runtime.prune.encoder import band_penalties
 from tinysplat_runtime.prune.reduction import leave_out
 from tinysplat_runtime.prune.removal import Remover
 
@@ -112,20 +111,6 @@ def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
     # all of them, in as many bytes by coarser steps, would look worse
     coarse = ts.decompress(ts.compress(ball, keep_all=True, target_size=len(data)))
     assert psnr(thin, ball, around(ball)) > psnr(coarse, ball, around(ball))
-
-
-def test_finer_steps_leave_out_less():
-    cloud = photographed(make_list(900, 1, np.random.default_rng(6)))
-    counts = [ts.decompress(ts.compress(cloud, qp=qp)).count for qp in (-18.0, 0.0, 12.0)]
-    assert counts[0] > counts[1] > counts[2]
-
-
-def test_coefficients_are_dear_where_bits_are_and_where_their_degree_is_small():
-    cloud = make_list(50, 2, np.random.default_rng(1))
-    once = np.array(band_penalties(cloud, 1.0))
-    louder = replace(cloud, sh=cloud.sh * np.where(np.arange(9) < 4, 1, 2)[:, None].astype(np.float32))
-    assert once.size == 2 and (once > 0).all()
-    np.testing.assert_allclose(band_penalties(louder, 3.0), 3 * once / [1, 4], rtol=1e-5)
 
 
 def test_targets_are_met_without_what_is_left_out(ball):

@@ -6,15 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_gaussians, make_smooth_gaussians
+from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.refine.coarse import bring_up, halved, halved_picture, halved_target, lacking_alike
-from tinysplat_runtime.refine.settings import LIMITS
+from tinysplat_runtime.refine.coarse import halved, halved_picture, halved_target, lacking_alike
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOGIT
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
 from tinysplat_runtime.system.threads import Crew
@@ -44,24 +42,6 @@ def test_a_copy_of_what_is_right_has_nothing_to_correct() -> None:
         alike = copy.measure(alike, shares=shares)
         assert alike.absolute == pytest.approx(3 * 16 * 20 * 0.25, rel=1e-4)
         assert copy.measure(photo, shares=shares).absolute != pytest.approx(3 * 16 * 20 * 0.25, rel=1e-3)
-
-
-def test_changes_come_back_in_the_middle_of_what_they_were_made_for() -> None:
-    whole = make_gaussians(2, 9, 12, degree=0, layers=2)
-    field, smaller = (MovableGaussians(gaussians, Crew(1).map) for gaussians in (whole, halved(whole)))
-    before, start = field.values.copy(), smaller.values.copy()
-    grid, place = smaller.grids[1], field.grids[1]
-    rows = np.arange(grid.height, dtype=np.float32)[:, None] + np.zeros(grid.width, np.float32)
-    smaller.values[LOG_DEPTH, grid.rows] += 0.1 * rows.ravel()
-    smaller.values[LOGIT] = 1e3
-    bring_up(field, smaller, start)
-    found = (field.values[:, place.rows] - before[:, place.rows])[LOG_DEPTH].reshape(place.height, place.width)
-    middles = (found[:-1:2] + found[1::2]) / 2
-    np.testing.assert_allclose(middles[1:-1], 0.1 * np.repeat(np.arange(1, 3)[:, None], 12, 1), atol=1e-6)
-    steps = np.diff(found, axis=0)  # smoothly, from row to row
-    assert steps.min() >= 0 and steps.max() < 0.09 and np.abs(np.diff(found)).max() < 1e-6
-    assert (field.values[LOG_DEPTH, field.grids[0].rows] == before[LOG_DEPTH, field.grids[0].rows]).all()
-    assert field.values[LOGIT, place.rows].max() == LIMITS[LOGIT][1]
 
 
 @pytest.fixture(scope="module")

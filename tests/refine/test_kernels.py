@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.codec.adaptive import known_steps
@@ -18,8 +16,6 @@ from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.refine import kernels
 from tinysplat_runtime.refine.photos import sizes_of
 from tinysplat_runtime.refine.price import plane_prices
-from tinysplat_runtime.refine.schedule import held_back, order, turn
-from tinysplat_runtime.refine.settings import Settings, settings_for
 from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from tinysplat_runtime.scene.pictures import write_png
@@ -120,29 +116,3 @@ def test_changes_cost_bits_of_the_planes_that_are_coded() -> None:
     gradient = before.copy()
     price.add_gradient(values, gradient)
     assert_is_slope(gradient - before, cost, values.astype(np.float64))
-
-
-@given(st.integers(1, 300), st.integers(0, 300), st.integers(1, 40))
-def test_every_step_takes_every_photo_once_and_photos_that_judge_are_spread(
-    photos: int, step: int, one_of: int
-) -> None:
-    taken, held = order(step, photos), held_back(photos + 3, one_of)
-    assert sorted(taken) == list(range(photos))
-    edges = np.diff([0, *held, photos + 2])
-    assert 2 <= len(held) <= max((photos + 3) / one_of + 1, 2) and held_back(photos, 0) == []
-    assert edges.max() <= 2 * (photos + 3) / len(held) and (one_of == 1 or edges.min() > 0)
-
-
-@pytest.mark.parametrize("sizes", [1, 2, 3])
-def test_every_size_is_drawn_both_ways_and_steps_shorten(sizes: int) -> None:
-    turns = [turn(step, sizes) for step in range(12 * sizes)]
-    for size in range(sizes):
-        places = {one.place for one in turns if one.size == size}
-        assert None in places and len(places) > 2  # and from more than one of the places between
-    assert np.less(Settings().step_sizes(5), Settings().step_sizes(0)).all()
-
-
-@pytest.mark.parametrize("below", [False, True])
-def test_a_captures_depths_go_no_more_pixels_far_in_larger_photos(below: bool) -> None:
-    usual, larger, small = (settings_for(24, side * side, below=below).log_depth for side in (256, 512, 64))
-    assert 0 < 2 * larger == pytest.approx(usual) and small == usual

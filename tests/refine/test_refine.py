@@ -12,20 +12,13 @@ from scenes import make_cameras, make_smooth_gaussians, refusing, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.gaussian.gaussians import FIELDS
-from tinysplat_runtime.refine.loop import Loop
-from tinysplat_runtime.refine.photos import sizes_of
-from tinysplat_runtime.refine.price import plane_prices
-from tinysplat_runtime.refine.settings import settings_for
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.render import DEFINITION, Renderer
-from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.scene.intake.cameras_json import camera_entry
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Frame, Scene
-from tinysplat_runtime.system.threads import Crew
 
 SIZE = 40, 48
 
@@ -146,25 +139,6 @@ def contradicting(gaussians: ts.Gaussians, scene: Scene, noise: float, folder: P
         write_png(folder / f"{number}.png", (picture + noise * coarse).clip(0, 1))
         frames.append(replace(frame, path=folder / f"{number}.png"))
     return replace(scene, frames=tuple(frames))
-
-
-def test_photos_exposed_otherwise_are_seen_so_and_change_no_colours(tmp_path: Path) -> None:
-    """One photo is brighter than the scene and one darker; the mean of all stays as it is."""
-    whole, offsets = truth(3), np.array([0.06, -0.06, 0.0])
-    field, run = MovableGaussians(whole, Crew(1).map), Crew(1).map
-    photos = photographed(tmp_path, whole, list(whole.cameras))
-    ((*targets,),) = sizes_of(whole, photos)
-    targets = [replace(one, photo=one.photo + np.float32(offset)) for one, offset in zip(targets, offsets, strict=True)]
-    prices = plane_prices(whole, field.grids, find_profile("balanced"), 0.0, 0.0, 0.0)
-    loop = Loop(field, [targets], prices, settings_for(3), run)
-    check = loop.check()
-    for _ in range(8):
-        loop.step()
-    found = loop.exposures[:, 0] * 0.5 + loop.exposures[:, 1] - 0.5
-    assert found[0] > found[2] > found[1]
-    np.testing.assert_allclose(loop.exposures.mean(axis=0), (1, 0), atol=1e-9)
-    assert loop.check() > check
-    assert psnr(field.gaussians(whole), photos) > -20 * np.log10(0.06)  # nearer to the scene than photos shown of it
 
 
 def test_results_are_the_same_on_any_number_of_threads(case: tuple[ts.Gaussians, Scene, Scene]) -> None:

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from reference.rasteriser import render_reference, shares
 from scenes import make_cameras, make_gaussians, photographed
 
-from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.render.gradient import MovableGaussians, Target
 from tinysplat_runtime.render.kernels_gradient import BLOCK
@@ -186,27 +186,6 @@ def test_gradients_depend_on_neither_threads_nor_repetition() -> None:
     photo = np.full((camera.height, camera.width, 3), 0.5, np.float32)
     first, *others = (found_gradient(gaussians, camera, photo, threads)[2] for threads in (1, 2, 5))
     assert all((other == first).all() for other in others)
-
-
-def test_pictures_without_a_view_are_those_of_the_others() -> None:
-    gaussians, camera = crowded()
-    photo = np.zeros((camera.height, camera.width, 3), np.float32)
-    field = MovableGaussians(gaussians, Crew(1).map)
-    kept = [
-        replace(
-            layer,
-            **{name: getattr(layer, name)[[0, 2]] for name in FIELDS},
-            cameras=(layer.cameras[0], layer.cameras[2]),
-            extra_layers=(),
-        )
-        for layer in gaussians.layers
-    ]
-    others = MovableGaussians(replace(kept[0], extra_layers=tuple(kept[1:])), Crew(1).map)
-    target = Target(camera, photo)
-    by_depth = Shares.by_depth(np.array([1.0, 0, 1]))
-    without = others.measure(target).absolute
-    assert field.measure(target, shares=by_depth).absolute == pytest.approx(without, rel=1e-4)
-    assert field.measure(target).absolute != pytest.approx(without, rel=1e-2)
 
 
 @pytest.mark.parametrize("kind", [LOG_DEPTH, LOG_SIZE])

@@ -60,14 +60,6 @@ def test_rotations_take_the_shorter_way_whatever_signs_quaternions_have(angles):
         np.testing.assert_allclose(middle.rotation, camera(about_y((a + b) / 2)).rotation, atol=0.01)
 
 
-@pytest.mark.parametrize("frames", [1, 2, 7])
-def test_one_camera_is_a_path_that_stays(frames):
-    path = between([CAMERAS[2]], frames)
-    assert len(path) == frames
-    for c in path:
-        np.testing.assert_allclose(c.c2w, CAMERAS[2].c2w, atol=1e-9)
-
-
 def test_an_orbit_looks_at_one_point_from_an_ellipse_around_the_mean_camera():
     pair = [camera(about_y(0.1), (-0.5, 0, 0)), camera(about_y(-0.1), (0.5, 0, 0))]
     path = orbit(pair, 12, depth=5.0)

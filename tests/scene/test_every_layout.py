@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 import pytest
+from scene import trackers
 from scenes import (
     colmap_texts,
     make_cameras,
@@ -140,89 +142,20 @@ def opensfm(folder: Path) -> Path:
     return folder / "reconstruction.json"
 
 
-def metashape(folder: Path) -> Path:
-    """Camera to chunk with OpenCV axes, of which a component has the scale; the principal point from the middle."""
-    K, scale = CAMERAS[0].K, 2.5
-    poses = [np.column_stack([c.c2w[:3, :3], c.centre / scale]) for c in CAMERAS]
-    cameras = [
-        f'<camera id="{i}" sensor_id="0" component_id="0" label="{i:04}">'
-        f"<transform>{' '.join(map(repr, [*pose.ravel().tolist(), 0, 0, 0, 1]))}</transform></camera>"
-        for i, pose in enumerate(poses)
-    ]
-    lens = f"<f>{K[1, 1]}</f><b1>{K[0, 0] - K[1, 1]}</b1><cx>{K[0, 2] - WIDTH / 2}</cx><cy>{K[1, 2] - HEIGHT / 2}</cy>"
-    (folder / "cameras.xml").write_text(
-        '<?xml version="1.0" encoding="UTF-8"?>\n<document version="2.0.0"><chunk label="Chunk 1" enabled="true">'
-        f'<sensors next_id="1"><sensor id="0" label="X" type="frame"><resolution width="{WIDTH}" height="{HEIGHT}"/>'
-        f'<calibration type="frame" class="adjusted">{lens}</calibration></sensor></sensors><components>'
-        f'<component id="0"><transform><scale>{scale}</scale></transform></component></components>'
-        f'<cameras>{"".join(cameras)}<camera id="9" sensor_id="0" label="lost"/></cameras></chunk></document>'
-    )
-    return folder / "cameras.xml"
-
-
-def realityscan(folder: Path) -> Path:
-    """Angles about z, x and y of a camera that looks down; lengths of a picture 36 wide along its longer side."""
-    K, longer = CAMERAS[0].K, max(HEIGHT, WIDTH)
-    lens = [K[0, 0] * 36 / longer, (K[0, 2] - WIDTH / 2) / longer, (K[1, 2] - HEIGHT / 2) / longer, 0, 0, 0, 0, 0, 0]
-    lines = ["#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"]
-    for i, c in enumerate(CAMERAS):
-        yaw, pitch, roll = Rotation.from_matrix(c.c2w[:3, :3] * [1, -1, -1]).as_euler("ZXY", degrees=True)
-        lines.append(",".join(map(str, [f"{i:04}.png", *c.centre, -yaw, pitch, roll, *lens])))
-    (folder / "cameras.csv").write_text("\n".join(lines) + "\n")
-    return folder / "cameras.csv"
-
-
-def bundler(folder: Path) -> Path:
-    """Into a camera whose y points up and z backward; one that was not placed; points with a line of views."""
-    blocks, flip = [], np.diag([1.0, -1, -1])
-    for c in CAMERAS:
-        rows = np.vstack([[c.focal, 0, 0], flip @ c.w2c[:3, :3], flip @ c.w2c[:3, 3]])
-        blocks += [" ".join(map(repr, row)) for row in rows.tolist()]
-    blocks += ["0 0 0"] * 5
-    for point in POINTS:
-        blocks += [" ".join(map(str, point)), "9 9 9", "2 0 0 1.0 1.0 1 0 1.0 1.0"]
-    (folder / "bundle.out").write_text("\n".join(["# Bundle file v0.3", f"4 {len(POINTS)}", *blocks]) + "\n")
-    (folder / "list.txt").write_text("".join(f"./images/{i:04}.png 0 35.2\n" for i in range(3)) + "lost.png\n")
-    return folder / "bundle.out"
-
-
-def meshroom(folder: Path) -> Path:
-    """The rotation out of the camera row by row, words in place of numbers, millimetres of the sensor's width."""
-    K = CAMERAS[0].K
-    lens = {"intrinsicId": "7", "width": str(WIDTH), "height": str(HEIGHT), "type": "pinhole", "sensorWidth": "36"}
-    lens |= {"focalLength": str(K[0, 0] * 36 / WIDTH), "pixelRatio": "1", "distortionType": "none"}
-    lens |= {"principalPoint": [str(K[0, 2] - WIDTH / 2), str(K[1, 2] - HEIGHT / 2)]}
-    views = [
-        {"viewId": str(i), "poseId": str(i), "intrinsicId": "7", "path": f"/home/jo/shots/{i:04}.png"} for i in range(4)
-    ]
-    poses = [
-        {
-            "poseId": str(i),
-            "pose": {
-                "transform": {
-                    "rotation": [str(value) for value in c.c2w[:3, :3].ravel()],
-                    "center": [str(value) for value in c.centre],
-                }
-            },
-        }
-        for i, c in enumerate(CAMERAS)
-    ]
-    landmarks = [{"X": [str(value) for value in point]} for point in POINTS]
-    document = {"version": ["1", "2", "8"], "views": views, "intrinsics": [lens], "poses": poses}
-    (folder / "cameras.sfm").write_text(json.dumps({**document, "structure": landmarks}))
-    return folder / "cameras.sfm"
-
-
 pytestmark = pytest.mark.filterwarnings("ignore::tinysplat_runtime.errors.InputWarning")
 """Of photos that are not there: left out, and counted."""
 
-LAYOUTS: list[Callable[[Path], Path]] = [
-    ours, nerfstudio, inria, llff, colmap_text, colmap_binary, realestate, polycam, record3d, opensfm, metashape,
-    realityscan, bundler, meshroom,
-]  # fmt: skip
+LAYOUTS: dict[str, Callable[[Path], Path]] = {
+    write.__name__: write
+    for write in (ours, nerfstudio, inria, llff, colmap_text, colmap_binary, realestate, polycam, record3d, opensfm)
+}
+LAYOUTS |= {write.__name__: partial(write, cameras=CAMERAS) for write in (trackers.metashape, trackers.realityscan)}
+LAYOUTS |= {
+    write.__name__: partial(write, cameras=CAMERAS, points=POINTS) for write in (trackers.bundler, trackers.meshroom)
+}
 
 
-@pytest.fixture(params=LAYOUTS, ids=lambda write: write.__name__)
+@pytest.fixture(params=LAYOUTS.values(), ids=LAYOUTS)
 def written(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
     """What is opened, and the file of it that is tampered with."""
     folder = write_scene(tmp_path / "desk", 3, HEIGHT, WIDTH)

@@ -357,13 +357,6 @@ def test_colmap_photos_are_in_the_order_of_their_names_whatever_their_ids(folder
     assert_cameras(scene, [CAMERAS[1], CAMERAS[2], CAMERAS[0]])
 
 
-def test_colmap_photos_of_a_distorted_camera_are_undistorted(folder: Path) -> None:
-    write_text_model(folder / "sparse/0", f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 35 16 12 0.2")
-    frame = load_scene(folder).frames[0]
-    assert frame.image().shape == (frame.camera.height, frame.camera.width, 3)
-    assert frame.camera.height < HEIGHT  # cut where the lens showed nothing
-
-
 def test_colmap_without_distortion_needs_no_package(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     model = write_text_model(folder / "sparse/0")

@@ -106,13 +106,6 @@ def test_large_photos_are_read_smaller_where_that_is_enough(tmp_path: Path) -> N
             Frame(Camera(K, np.eye(4), width, 1040), path).resized(104, 120).image()
 
 
-def test_photo_of_another_size_than_stated_is_refused(folder: Path) -> None:
-    write_png(folder / "images" / "0002.png", make_photo(24, 31))
-    for scene in (load_scene(folder), load_scene(folder).resized(8, 8)):
-        with refusing(InputError, f"{folder / 'images' / '0002.png'} 31x24 32x24"):
-            scene.images()
-
-
 def test_photos_of_several_sizes_need_one_chosen(folder: Path) -> None:
     write_png(folder / "images" / "0002.png", make_photo(24, 40))
     rewrite(folder, lambda d: d["frames"][2].update(width=40))

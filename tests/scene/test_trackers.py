@@ -5,16 +5,18 @@ Poses are held by `test_every_layout`.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scene import trackers
 from scenes import make_photo, refused, tells
 
 from tinysplat_runtime.errors import InputWarning
+from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.lenses import Lens
 from tinysplat_runtime.scene.pictures import write_png
@@ -26,42 +28,14 @@ POSE = " ".join(map(str, np.eye(4).ravel()))
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "images").mkdir()
-    write_png(tmp_path / "images/a.png", make_photo(HEIGHT, WIDTH))
+    write_png(tmp_path / "images/0000.png", make_photo(HEIGHT, WIDTH))
     return tmp_path
 
 
-def metashape(folder: Path, kind: str = "frame", extra: str = "", **terms: float) -> Path:
-    fields = "".join(f"<{name}>{value}</{name}>" for name, value in {"f": F, **terms}.items())
-    sensor = f'<sensor id="0" label="X" type="{kind}"><resolution width="{WIDTH}" height="{HEIGHT}"/>'
-    cameras = f'<camera id="0" sensor_id="0" label="a"><transform>{POSE}</transform></camera>{extra}'
-    (folder / "c.xml").write_text(
-        f"<document><chunk><sensors>{sensor}<calibration>{fields}</calibration></sensor></sensors>"
-        f"<cameras>{cameras}</cameras></chunk></document>"
-    )
-    return folder / "c.xml"
-
-
-def realityscan(folder: Path, **terms: float) -> Path:
-    values = {"x": 0, "y": 0, "alt": 0, "heading": 0, "pitch": 0, "roll": 0, "f": F * 36 / WIDTH, **terms}
-    rows = [["#name", *values], ["a.png", *values.values()]]
-    (folder / "c.csv").write_text("\n".join(",".join(map(str, row)) for row in rows))
-    return folder / "c.csv"
-
-
-def bundler(folder: Path, k1: float = 0.0, k2: float = 0.0) -> Path:
-    rows = ["# Bundle file v0.3", "1 0", f"{F} {k1} {k2}", "1 0 0", "0 1 0", "0 0 1", "0 0 0"]
-    (folder / "c.out").write_text("\n".join(rows))
-    return folder / "c.out"
-
-
-def meshroom(folder: Path, version: str = "1.2.8", view: dict[str, Any] | None = None, **lens: Any) -> Path:
-    intrinsic = {"intrinsicId": 1, "width": WIDTH, "height": HEIGHT, "type": "pinhole", "principalPoint": [0, 0]}
-    intrinsic |= {"sensorWidth": 36, "focalLength": F * 36 / WIDTH, **lens}
-    pose = {"poseId": 2, "pose": {"transform": {"rotation": np.eye(3).ravel().tolist(), "center": [0, 0, 0]}}}
-    views = [{"viewId": 3, "poseId": 2, "intrinsicId": 1, "path": "C:\\shots\\a.png", **(view or {})}]
-    document = {"version": version.split("."), "views": views, "intrinsics": [intrinsic], "poses": [pose]}
-    (folder / "c.sfm").write_text(json.dumps(document))
-    return folder / "c.sfm"
+metashape, realityscan, bundler, meshroom = (
+    partial(write, cameras=[Camera([[F, 0, WIDTH / 2], [0, F, HEIGHT / 2], [0, 0, 1]], np.eye(4), WIDTH, HEIGHT)])
+    for write in (trackers.metashape, trackers.realityscan, trackers.bundler, trackers.meshroom)
+)
 
 
 def lens_of(path: Path) -> Lens:
@@ -124,7 +98,7 @@ def test_distortion_bends_rays_as_its_tool_says(folder: Path, write, terms: dict
 def test_meshrooms_versions_mean_other_things_by_the_same_names(
     folder: Path, version: str, fields: dict[str, Any], expected: tuple[float, ...]
 ) -> None:
-    np.testing.assert_allclose(lens_of(meshroom(folder, version, **fields)).params, expected)
+    np.testing.assert_allclose(lens_of(meshroom(folder, version=version, **fields)).params, expected)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +147,7 @@ def test_documents_with_types_of_their_own_are_refused_unparsed(folder: Path, de
 
 def test_bundlers_counts_are_held_against_its_lines(folder: Path) -> None:
     path = bundler(folder)
-    path.write_text(path.read_text().replace("1 0\n", "900000000 0\n", 1))
+    path.write_text(path.read_text().replace("2 0\n", "900000000 0\n", 1))
     assert tells(refused(load_scene, path), "900000000")
 
 
@@ -184,5 +158,5 @@ def test_a_count_before_the_header_is_skipped(folder: Path) -> None:
 
 
 def test_photos_that_are_nowhere_are_named(folder: Path) -> None:
-    (folder / "images/a.png").unlink()
-    assert tells(refused(load_scene, realityscan(folder)), "a.png images/")
+    (folder / "images/0000.png").unlink()
+    assert tells(refused(load_scene, realityscan(folder)), "0000.png images/")

@@ -47,13 +47,6 @@ def test_names_that_are_none_or_lead_elsewhere_are_refused(entry: dict[str, Any]
     assert tells(refusal(error).replace("\\", ""), f"frames[3].file: {words}")
 
 
-def test_depths_are_numbers_above_zero_and_below_what_float32_can_multiply() -> None:
-    assert depth({}, "near") is None and depth({"near": None}, "near") is None
-    found = depth({"near": 2, "far": 9.9e29}, "near")
-    assert found == 2.0 and isinstance(found, float)
-    assert depth({"far": 9.9e29}, "far") == 9.9e29 and depth({"near": 1e-30}, "near") == 1e-30
-
-
 @pytest.mark.parametrize(
     ("value", "words"),
     [
