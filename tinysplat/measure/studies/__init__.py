@@ -1,4 +1,4 @@
-"""Questions: what each measures, and the tables and plots that answer it. No study imports another.
+"""Questions: what each measures, and the tables that answer it. No study imports another.
 
 STUDIES is the one place that lists them, by the words of `tinysplat bench`; a study is imported when it is asked for.
 """
