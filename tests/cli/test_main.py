@@ -36,11 +36,6 @@ def test_what_was_said_and_registered_is_out_before_the_process_ends() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "no line feeda thread\nlast words\n", "")
 
 
-def test_libraries_are_not_taken_down() -> None:
-    body = "    class Kept:\n        def __del__(self): print('taken down', flush=True)\n"
-    assert run(body + "    sys.modules['kept'] = Kept()\n").stdout == ""
-
-
 @pytest.mark.parametrize(
     ("body", "words", "status", "error"),
     [

@@ -6,11 +6,9 @@ import json
 import struct
 import tempfile
 from collections.abc import Callable
-from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
 
-import av
 import numpy as np
 import pillow_heif
 from formats.foreign import glb_of_spz
@@ -31,7 +29,7 @@ from scenes import (
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.artifacts import models_dir
 from tinysplat_runtime.render.video import write_video
-from tinysplat_runtime.scene.pictures import png_bytes, write_png
+from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes, write_png
 
 from .containers import Seed
 
@@ -208,7 +206,7 @@ def tracker_seeds() -> tuple[tuple[str, dict[str, bytes]], ...]:
 def photo_seeds() -> tuple[bytes, ...]:
     """A PNG and a JPEG of 24×16."""
     pixels = make_photo(16, 24)
-    return _written(".png", lambda path: write_png(path, pixels)), _jpeg(pixels)
+    return _written(".png", lambda path: write_png(path, pixels)), jpeg_bytes(pixels)
 
 
 def mask_seeds() -> tuple[bytes, ...]:
@@ -263,14 +261,6 @@ def profile_seeds() -> tuple[bytes, ...]:
         header = bytes(16) + b"RGB XYZ " + bytes(12) + b"acsp" + bytes(88)
         profiles.append(header + struct.pack(">I", 6) + tags + b"".join(bodies))
     return tuple(profiles)
-
-
-def _jpeg(pixels: np.ndarray) -> bytes:
-    codec = av.CodecContext.create("mjpeg", "w")
-    codec.height, codec.width = pixels.shape[:2]
-    codec.pix_fmt, codec.time_base = "yuvj420p", Fraction(1, 1)
-    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuvj420p")
-    return b"".join(bytes(packet) for packet in (*codec.encode(frame), *codec.encode(None)))
 
 
 @lru_cache(maxsize=1)

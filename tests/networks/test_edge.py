@@ -4,29 +4,13 @@ from __future__ import annotations
 
 import pytest
 import torch
-from networks.two_planes import FAR, NEAR, network_tensors, trace
+from networks.two_planes import network_tensors, trace
 from torch import nn
 
-from tinysplat.networks.edge import OUTPUT_NAMES, Edge
+from tinysplat.networks.edge import Edge
 from tinysplat.networks.sweep import Sweep
 from tinysplat.rasteriser import PinholeCamera, render
 from tinysplat_runtime.gaussian.sh import C0
-
-
-def test_whatever_the_weights_are_outputs_stay_within_their_bounds() -> None:
-    torch.manual_seed(0)
-    network = Edge()
-    with torch.no_grad():
-        for parameter in network.parameters():  # those that start at zero, too
-            parameter.add_(0.3 * torch.randn_like(parameter))
-        found = network(*network_tensors(trace(2, 48, 64)))
-    outputs = dict(zip(OUTPUT_NAMES, found, strict=True))
-    for name, values in outputs.items():
-        assert torch.isfinite(values).all(), name
-    for name in ("opacities", "layer1_opacities"):
-        assert float(outputs[name].min()) >= 0 and float(outputs[name].max()) <= 1
-    assert float(outputs["depth"].min()) >= NEAR * (1 - 1e-5) and float(outputs["depth"].max()) <= FAR * (1 + 1e-5)
-    assert float(outputs["scales"].min()) > 0 and float(outputs["layer1_scales"].min()) > 0
 
 
 @pytest.mark.parametrize("network", [Edge(), Sweep()])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from reference.rasteriser import render_reference
-from scenes import make_cameras, make_gaussians
+from scenes import make_cameras
 from torch import Tensor
 
 from tinysplat.rasteriser import PinholeCamera
@@ -62,15 +62,6 @@ def test_pictures_are_those_of_the_runtime(size: tuple[int, int], scale: float) 
     height, width = size
     camera = Camera([[60, 1.5, width / 2 + 3], [0, 55, height / 2 - 2], [0, 0, 1]], np.eye(4), width, height)
     assert_draws_as_the_runtime(cloud(800, size=scale), camera)
-
-
-def test_pictures_of_pixel_grids_seen_from_the_side_are_those_of_the_runtime() -> None:
-    views = make_gaussians(2, 24, 32, degree=0)
-    fields = {name: torch.from_numpy(np.array(getattr(views, name)).reshape(24 * 32 * 2, -1)) for name in NAMES[:3]}
-    fields["quats"] = torch.nn.functional.normalize(fields["quats"], dim=1)
-    fields["opacities"] = torch.from_numpy(np.array(views.opacities).reshape(-1))
-    fields["colours"] = torch.from_numpy((0.5 + C0 * views.sh).reshape(-1, 3).clip(0))
-    assert_draws_as_the_runtime(fields, make_cameras(3, 30, 40)[0])
 
 
 @pytest.mark.parametrize("hidden", ["before the near plane", "without opacity", "beside the picture"])

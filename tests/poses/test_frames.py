@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tinysplat.poses.frames import Walk, look_through, measured, stretches
+from tinysplat.poses.frames import Walk, look_through, measured
 from tinysplat_runtime.scene.footage import open_video
 
 HEIGHT, WIDTH = 96, 192
@@ -45,18 +45,6 @@ def test_a_camera_at_rest_moves_nowhere() -> None:
     rng = np.random.default_rng(0)
     noisy = [np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8) for view in views([5] * 30)]
     assert measured(noisy)[0][-1] == 0
-
-
-def test_stretches_are_of_equal_movement_and_each_gives_its_sharpest() -> None:
-    moved = np.concatenate([np.linspace(0, 1, 11), np.ones(40), np.linspace(1, 2, 21)[1:]])  # rests in the middle
-    detail = np.ones(len(moved))
-    detail[[3, 60]] = 2
-    chosen = stretches(moved, detail, 4)
-    assert chosen == sorted(set(chosen)) and {3, 60} <= set(chosen)
-    where = moved[chosen]
-    assert (np.diff(where, prepend=0, append=2) <= 1).all()  # twice a stretch
-    assert stretches(np.zeros(9), np.arange(9.0), 3) == [2, 5, 8]  # of time, where nothing moves
-    assert stretches(np.array([0, 0, 0, 0, 5.0]), np.ones(5), 5) == [0, 1, 2, 3, 4]
 
 
 def test_blurred_frames_are_passed_over(tmp_path: Path) -> None:

@@ -113,15 +113,6 @@ def test_quality_falls_with_every_six_steps_of_qp(profile) -> None:
     assert quality[0] - quality[-1] > 5
 
 
-@given(seed=st.integers(0, 20), profile=st.sampled_from(["paper", "fast", "balanced"]), degree=st.integers(0, 2))
-@settings(max_examples=5)
-def test_five_generations_coded_like_the_first_are_the_first(seed, profile, degree) -> None:
-    data = first = ts.compress(make_smooth_gaussians(2, 24, 32, degree, seed=seed), profile)
-    for _ in range(4):
-        data = ts.compress(ts.decompress(data), like=data)
-    assert data == first
-
-
 def _fainter(g: Gaussians, rows: slice) -> Gaussians:
     """Some rows of the first view at half their opacity."""
     opacities = g.opacities.copy()

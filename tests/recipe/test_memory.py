@@ -14,7 +14,7 @@ from scenes import Heard, make_gaussians, make_smooth_gaussians, refusing, tells
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.ways import OneByOne
 from tinysplat_runtime.recipe.memory import check_memory
-from tinysplat_runtime.recipe.own import looked_at, own_psnr
+from tinysplat_runtime.recipe.own import looked_at, near_of, own_psnr
 from tinysplat_runtime.recipe.refinement import chosen
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import Refinement
@@ -141,3 +141,12 @@ def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
     free_memory(int(plain / 2 * 1e9))
     with refusing(ts.InputError, "GB"):
         chosen(request, scene, WAY, heard)
+
+
+def test_a_look_at_a_capture_decodes_the_views_about_a_camera() -> None:
+    runtime, gaussians = ts.Runtime(), make_smooth_gaussians(12)
+    data = runtime.compress(gaussians)
+    for view in (0, 11):
+        found = near_of(data, 12, runtime, "edge")(gaussians.cameras[view])
+        assert gaussians.cameras[view].c2w.tolist() in [camera.c2w.tolist() for camera in found.cameras]
+        assert len(found.cameras) < 12

@@ -37,6 +37,7 @@ REQUESTS = {"encode": EncodeRequest, "compress": CompressRequest, "convert": Exp
         ({"lossless": True, "profile": "fast"}, "profile: "),
         ({"views": [0, "b"]}, "views: "),
         ({"views": "auto:1"}, "views: "),
+        ({"size": [0, 4]}, "size: "),
         ({"size": "wide"}, "size: "),
         ({"refine": "soon"}, "refine: "),
         ({"refine": 3, "mode": "photos"}, "refine: "),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tinysplat_runtime.recipe import words
-from tinysplat_runtime.recipe.words import AutoViews, Refinement, byte_count
+from tinysplat_runtime.recipe.words import AutoViews, byte_count
 
 
 @pytest.mark.parametrize(
@@ -40,17 +40,3 @@ def test_views_are_indices_with_ranges_all_or_how_many(text: str, views: object)
 def test_a_size_is_height_by_width(text: str, size: tuple[int, int]) -> None:
     assert words.size(text) == words.size_or_full(text) == size
     assert words.size_or_full("full") == "full"
-
-
-@pytest.mark.parametrize(
-    ("text", "wanted"),
-    [
-        ("auto", Refinement()),
-        ("20", Refinement(steps=20)),
-        ("10s", Refinement(seconds=10.0)),
-        ("1e3s", Refinement(seconds=1000.0)),
-    ],
-)
-def test_refinement_is_steps_seconds_or_as_much_as_photos_are_worth(text: str, wanted: Refinement) -> None:
-    assert words.refinement(text) == wanted
-    assert words.refinement(str(wanted)) == wanted

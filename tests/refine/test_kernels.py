@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,12 +13,9 @@ from tinysplat_runtime.codec.adaptive import known_steps
 from tinysplat_runtime.codec.profiles import ADAPTIVE, find_profile
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.refine import kernels
-from tinysplat_runtime.refine.photos import sizes_of
 from tinysplat_runtime.refine.price import plane_prices
 from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
-from tinysplat_runtime.scene.pictures import write_png
-from tinysplat_runtime.scene.scenes import Frame, Scene
 from tinysplat_runtime.system.threads import Crew
 
 
@@ -41,23 +37,6 @@ def test_steps_are_those_of_torchs_adam_and_end_at_the_limits() -> None:
             state, np.full(3, slope, np.float32), *np.zeros((2, 3), np.float32), (0.5, 0.9, 0.99, 0.0, 1.0, -1.0, 1.0)
         )
         np.testing.assert_allclose(state, wanted, atol=1e-6)
-
-
-@pytest.mark.parametrize(("factor", "count"), [(1, 1), (1.9, 1), (2, 2), (3, 2)])
-def test_photos_of_twice_the_size_are_looked_at_too(tmp_path: Path, factor: float, count: int) -> None:
-    gaussians = make_smooth_gaussians(2, 20, 24, degree=0)
-    rng = np.random.default_rng(4)
-    frames = []
-    for n, camera in enumerate(gaussians.cameras):
-        large = camera.resized(int(20 * factor), int(24 * factor))
-        write_png(tmp_path / f"{n}.png", rng.uniform(size=(large.height, large.width, 3)))
-        frames.append(Frame(large, tmp_path / f"{n}.png").resized(20, 24))
-    sizes = sizes_of(gaussians, Scene(tmp_path, tuple(frames)))
-    assert [targets[0].photo.shape[:2] for targets in sizes] == [(20, 24), (40, 48)][:count]
-    for targets in sizes:
-        for target, camera in zip(targets, gaussians.cameras, strict=True):
-            assert (target.camera.height, target.camera.width) == target.photo.shape[:2]
-            np.testing.assert_allclose(target.camera.K_unit, camera.K_unit, atol=0.03)
 
 
 def assert_is_slope(found: np.ndarray, cost: Callable[[np.ndarray], float], values: np.ndarray) -> None:

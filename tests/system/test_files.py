@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import stat
 from pathlib import Path
 
@@ -44,31 +43,6 @@ def test_permissions_are_those_of_any_new_file(tmp_path: Path, umask: int) -> No
         os.umask(previous)
     modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("ours", "plain")]
     assert modes[0] == modes[1] == 0o666 & ~umask
-
-
-def test_full_disk_is_an_oserror_that_names_the_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
-    target = tmp_path / "out.tsplat"
-    with pytest.raises(OSError, match=re.escape(str(target))) as caught:
-        write_atomically(target, b"data")
-    assert caught.value.errno == errno.ENOSPC
-    assert {*re.findall(rf"{tmp_path}/[^'\"]+", str(caught.value))} == {str(target)}  # no temporary name
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_refused_folder_is_a_permission_error_that_names_the_target(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(path: object, *_: object) -> int:
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-
-    monkeypatch.setattr(os, "open", refuse)
-    with pytest.raises(PermissionError) as caught:
-        write_atomically(tmp_path / "out.tsplat", b"data")
-    assert caught.value.filename == str(tmp_path / "out.tsplat")
 
 
 def test_symbolic_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
