@@ -24,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tiny_run(root)
     measure_studies(run, ("formats",), quiet=True)
     run.options = replace(run.options, size=(32, 32))
-    growth = (photo_rows(run, [(64, 64)]), capture_rows(run, [3]), cloud_rows(run, (500, 900), [(16, 16), (32, 48)]))
+    growth = (photo_rows(run, [(64, 64)]), capture_rows(run, [3]), cloud_rows(run, (500, 900), (32, 48)))
     for row in (row for rows in growth for row in rows):
         run.store.add(row)
     write_report(root, list(run.store), run.left_out)

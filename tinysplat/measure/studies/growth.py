@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -45,8 +44,7 @@ LARGE_CAPTURE = 48
 """Photos from which on slopes are told: of fewer, what a command takes at all is much of the whole."""
 
 CLOUDS: Sequence[int] = (131_072, 1_000_000, 3_000_000, 7_000_000)
-CLOUD_PICTURES: tuple[Size, ...] = ((256, 256), (1080, 1920), (2160, 3840))
-"""Clouds drawn at the middle size, and the second of them at all."""
+CLOUD_PICTURE = (1080, 1920)
 
 
 def growth_rows(run: Run) -> Iterator[Row]:
@@ -57,7 +55,7 @@ def growth_rows(run: Run) -> Iterator[Row]:
         return
     yield from photo_rows(run, PHOTO_SIZES[some])
     yield from capture_rows(run, CAPTURES[some])
-    yield from cloud_rows(run, CLOUDS[some], CLOUD_PICTURES[some])
+    yield from cloud_rows(run, CLOUDS[some])
 
 
 def photo_rows(run: Run, sizes: Sequence[Size]) -> Iterator[Row]:
@@ -87,15 +85,14 @@ def capture_rows(run: Run, counts: Sequence[int]) -> Iterator[Row]:
             yield _measured(row, "encode_capture", folder, count, height, width, run.models[0], run.threads)
 
 
-def cloud_rows(run: Run, counts: Sequence[int], pictures: Sequence[Size]) -> Iterator[Row]:
-    """Rows `growth clouds, WAY` of one picture each, by Gaussians and by pixels."""
-    drawn = [("Gaussians", count, count, CLOUD_PICTURES[1]) for count in counts]
-    drawn += [("pixels of the picture", height * width, counts[1], (height, width)) for height, width in pictures]
-    for way in ("numpy", "compiled") if Renderer(cloud(100)).is_compiled else ("numpy",):
-        for axis, x, count, (height, width) in drawn:
-            setting = {"x": x, "threads": run.threads}
-            row = Row(f"growth clouds, {way}", axis, f"{count} at {width}×{height}", setting)
-            yield _measured(row, "draw_cloud", count, height, width, way, run.threads)
+def cloud_rows(run: Run, counts: Sequence[int], picture: Size = CLOUD_PICTURE) -> Iterator[Row]:
+    """Rows `growth clouds, WAY` of one picture each."""
+    height, width = picture
+    way = "compiled" if Renderer(cloud(100)).is_compiled else "numpy"
+    for count in counts:
+        setting = {"x": count, "threads": run.threads}
+        row = Row(f"growth clouds, {way}", "Gaussians", f"{count} at {width}×{height}", setting)
+        yield _measured(row, "draw_cloud", count, height, width, run.threads)
 
 
 def _measured(row: Row, task: str, *arguments: object) -> Row:
@@ -108,10 +105,10 @@ def _measured(row: Row, task: str, *arguments: object) -> Row:
     return replace(row, figures=taken.figures, costs=costs)
 
 
-def draw_cloud(count: str, height: str, width: str, way: str, threads: str) -> Work:
+def draw_cloud(count: str, height: str, width: str, threads: str) -> Work:
     """A task: one picture of a cloud, prepared for that one."""
     gaussians, camera = cloud(int(count)), cloud_camera(int(height), int(width))
-    settings: dict[str, Any] = {"threads": int(threads), "compiled": way == "compiled", "keep": False}
+    settings: dict[str, Any] = {"threads": int(threads), "keep": False}
     Renderer(cloud(100), **settings).render(camera, (16, 16))  # loads what is compiled
 
     def work() -> None:
@@ -167,28 +164,17 @@ def render_photos(folder: str, threads: str) -> Work:
 AXES = {
     ("growth captures", "photos"): "photos of a capture to a file",
     ("growth photos, encode", "pixels of a photo"): "pixels of each of two photos, to a file",
-    ("growth photos, render", "pixels of a photo"): "the same, to a picture",
-    ("growth clouds, numpy", "Gaussians"): "Gaussians of a picture, numpy",
-    ("growth clouds, compiled", "Gaussians"): "Gaussians of a picture, compiled",
-    ("growth clouds, compiled", "pixels of the picture"): "pixels of a picture, compiled",
+    ("growth clouds, compiled", "Gaussians"): "Gaussians of a picture",
 }
 """What grows, by study and axis, in the order of the table."""
 
 
-IN_SHORT = {
-    ("growth captures", "photos"): "photos of a capture to a file",
-    ("growth photos, encode", "pixels of a photo"): "pixels of each of two photos, to a file",
-    ("growth clouds, compiled", "Gaussians"): "Gaussians of a picture",
-}
-"""What README shows of them."""
-
-
-def growth_table(rows: Sequence[Row], axes: Mapping[tuple[str, str], str] = AXES) -> str:
+def growth_table(rows: Sequence[Row]) -> str:
     """A line per axis: from where to where, seconds (of processors for captures) and peak memory there, and
     by what power seconds grow.
     """
     growing, lines = grouped((row for row in rows if row.costs), "study", "subject"), []
-    for (study, axis), said in axes.items():
+    for (study, axis), said in AXES.items():
         members = sorted(growing.get((study, axis), []), key=lambda row: row.setting["x"])
         if len(members) < 2:
             continue
@@ -257,10 +243,5 @@ def photo_line(rows: Sequence[Row]) -> str:
 GROWTH = Study(
     "Growth",
     growth_rows,
-    {
-        "growth": growth_table,
-        "growth in short": partial(growth_table, axes=IN_SHORT),
-        "growth captures": capture_table,
-        "growth photos": photo_line,
-    },
+    {"growth in short": growth_table, "growth captures": capture_table, "growth photos": photo_line},
 )
