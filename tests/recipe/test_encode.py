@@ -153,6 +153,19 @@ def test_a_capture_becomes_one_list_for_other_viewers_and_coded(many: Path, tmp_
         assert np.mean([psnr(one, other) for one, other in zip(shown, photos, strict=True)]) > 18
 
 
+def test_photos_held_back_choose_between_views_and_a_list(
+    many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("numba")
+    words = ["--size", "64x48", "--at-most", "900", "--refine", "3", "--near", "2", "--far", "9", "--model", "sweep"]
+    data = commanded(many, tmp_path / "room.tsplat", *words, "--mode", "auto")
+    said = capsys.readouterr().err
+    mode = ts.inspect(data)["mode"]
+    assert tells(said, "3 SSIM KB") and mode in ("list", "gaussians")
+    few = commanded(many, tmp_path / "two.tsplat", *words[:2], "--model", "sweep", "--views", "0,3", "--mode", "auto")
+    assert ts.inspect(few)["mode"] == "gaussians" and tells(capsys.readouterr().err, "2 photos")
+
+
 def test_what_only_a_tsplat_file_has_is_refused_of_a_list_and_the_reverse(
     many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
+from ..codec.modes import DEFAULT_MODE, LIST
 from ..container.layout import SUFFIX
 from ..container.list import List
 from ..errors import InputError, TinySplatError
@@ -17,6 +18,7 @@ from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos
 from ..recipe.export import KEEPS_CAMERAS
 from ..recipe.request import CompressRequest, EncodeRequest
+from ..render.near import FEW
 from ..system.stopwatch import Stopwatch
 from .files import Voice, write_file, write_json
 from .given import asked, reading_of, voice_of
@@ -38,7 +40,6 @@ def encode(args: Namespace) -> None:
 
 def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
     """Photos to a file for any viewer: a list that is not coded."""
-    from ..codec.modes import LIST
     from ..recipe.export import write_list
     from ..recipe.request import Coding, ExportRequest
 
@@ -103,6 +104,10 @@ def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> N
         f"{len(scene.frames)} views of {camera.width}x{camera.height}, {look.gaussians} Gaussians,"
         f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {look.psnr:.1f} dB at its own photos"
     )
+    if coded.stats.mode == DEFAULT_MODE and len(scene.frames) > FEW:
+        voice.say(
+            "notice", "--mode list makes one sparse scene of it, smaller and mostly sharper; --mode auto tries both"
+        )
     if look.psnr < LOW_DB:
         known = "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known

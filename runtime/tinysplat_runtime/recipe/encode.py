@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 
 from ..codec.job import EncodeStats, PhotoScene
-from ..codec.modes import DEFAULT_MODE, LIST, PHOTOS
-from ..errors import InputError
+from ..codec.modes import DEFAULT_MODE, EITHER, LIST, PHOTOS
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..graphs.ways import Way
 from ..refine.stats import RefineStats
-from ..render.near import FEW
 from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system.told import NOBODY, Told
@@ -77,33 +74,12 @@ def encode(
         InputError: the scene or an option cannot be used, or memory does not suffice.
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
-    from .prepare import ALL_VIEWS, expected_bytes
-    from .refinement import chosen
-
-    stats, refined = stats or EncodeStats(), RefineStats()
-    request = replace(request, like=request.example())
-    if request.mode == LIST:
-        return _list_coded(request, tools, told, stats, keep)
-    scene, way = _ready(request, tools, told)
-    refinement = chosen(request, scene, way, told)
-    if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
-        told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
-    gaussians, doubted = _predicted(request, scene, way, told, stats)
-    if refinement:
-        gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
+    stats = stats or EncodeStats()
+    made = _made(replace(request, like=request.example()), tools, told, stats)
     told.say("step", "coding")
-    data = _coded(gaussians, request, scene, tools, stats, told)
-    kept, done = gaussians if keep else None, refined if refinement else None
-    return Encoded(data, kept, raw_bytes(gaussians), stats, done, scene, doubted)
-
-
-def _list_coded(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, keep: bool) -> Encoded:
-    """The file of a capture as one list."""
-    gaussians, scene, doubted = listed(request, tools, told, stats=stats)
-    told.say("step", "coding")
-    coding = request if request.rates else replace(request, qp=LIST_QP)
-    data = code(gaussians, coding, tools, stats=stats, told=told)
-    return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, None, scene, doubted)
+    data = _coded(made.gaussians, made.request, made.scene, tools, stats, told)
+    kept = made.gaussians if keep else None
+    return Encoded(data, kept, raw_bytes(made.gaussians), stats, made.refined, made.scene, made.doubts)
 
 
 def listed(
@@ -112,7 +88,7 @@ def listed(
     """A capture as one list of few Gaussians that any viewer draws, corrected until they show its photos.
 
     Args:
-        request: which photos, and how.
+        request: which photos, and how; of mode list.
         tools: to do it with, such as a `Runtime`.
         told: who is told what goes on; doubts are looked for where somebody listens.
         stats: filled with the seconds of each step.
@@ -125,23 +101,49 @@ def listed(
             missing.
         ModelError, NumericError: see `Runtime.predict`.
     """
-    from .memory import check_memory
+    made = _made(request, tools, told, stats or EncodeStats())
+    return made.gaussians, made.scene, made.doubts
 
-    stats = stats or EncodeStats()
-    if find_spec("numba") is None:
-        raise InputError('needs numba; pip install "tinysplat[fast]" brings it', where="mode")
+
+@dataclass(frozen=True)
+class _Made:
+    """What photos became before it is coded: Gaussians, and the request with the mode that was chosen."""
+
+    gaussians: Gaussians
+    request: EncodeRequest
+    scene: Scene
+    doubts: tuple[str, ...]
+    refined: RefineStats | None
+
+
+def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats) -> _Made:
+    """Gaussians of pixels, refined or not, or one list."""
+    from .prepare import ALL_VIEWS, expected_bytes
+    from .refinement import chosen
+
     scene, way = _ready(request, tools, told)
-    if len(scene.frames) <= FEW:
-        fault = f"{len(scene.frames)} photos, expected more than {FEW}"
-        raise InputError(f"{fault}; `encode` and then `decode` write those of all their pixels", where=str(scene.path))
-    check_memory(scene, way, refined=True)
+    request, refinement = chosen(request, scene, way, told)
+    if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
+        told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
     gaussians, doubted = _predicted(request, scene, way, told, stats)
-    from ..refine.photos import matched, sizes_of
+    if request.mode == EITHER:
+        from .contest import contest
 
-    with stats.watch.stage("train"):
-        (targets,) = sizes_of(gaussians, matched(gaussians, scene), closer=False)
-        gaussians = sparse(gaussians, targets, request.refine, request.at_most, tools, told)
-    return gaussians, scene, doubted
+        told.say("step", "choosing")
+        with stats.watch.stage("choose"):
+            found = contest(gaussians, scene, request, tools, told)
+        told.say("notice", found.text(scene, request.at_most), scene.path)
+        request = replace(request, mode=found.winner)
+    if request.mode == LIST:
+        from ..sparse.pictures import photos_of
+
+        with stats.watch.stage("train"):
+            gaussians = sparse(gaussians, photos_of(gaussians, scene), refinement, request.at_most, tools, told)
+        return _Made(gaussians, request, scene, doubted, None)
+    refined = RefineStats() if refinement else None
+    if refinement and refined:
+        gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
+    return _Made(gaussians, request, scene, doubted, refined)
 
 
 def _ready(request: EncodeRequest, tools: Tools, told: Told) -> tuple[Scene, Way]:
@@ -226,8 +228,9 @@ def _coded(
     gaussians: Gaussians, request: EncodeRequest, scene: Scene, tools: Tools, stats: EncodeStats, told: Told
 ) -> bytes:
     """The file of what a network made of a scene, or where that is asked for, of its photos."""
-    if request.mode == DEFAULT_MODE:
-        return code(gaussians, request, tools, stats=stats, told=told)
+    if request.mode != PHOTOS:
+        coding = replace(request, qp=LIST_QP) if request.mode == LIST and not request.rates else request
+        return code(gaussians, coding, tools, stats=stats, told=told)
     photos = PhotoScene.of(scene, request.model, tools.store)
     return code_photos(gaussians, request, photos, tools, stats=stats)
 

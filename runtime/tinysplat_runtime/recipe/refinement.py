@@ -1,10 +1,11 @@
-"""Whether photos refine what a network made of them, where nobody said."""
+"""How what a network made of photos goes on, where nobody said: as one list, refined by its photos, or as it is."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 
-from ..codec.modes import DEFAULT_MODE
+from ..codec.modes import DEFAULT_MODE, EITHER, LIST
 from ..errors import InputError
 from ..graphs.ways import Way
 from ..render.near import FEW
@@ -15,8 +16,9 @@ from .request import EncodeRequest
 from .words import Refinement
 
 
-def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refinement | None:
-    """What was asked for; else the usual steps for a capture, if there are numba and memory for it.
+def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[EncodeRequest, Refinement | None]:
+    """What was asked for, as views where a list cannot be chosen; and the steps that were asked for, or the usual ones
+    for a capture, if there are numba and memory for them.
 
     Args:
         request: what was asked for.
@@ -25,8 +27,27 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refine
         told: is told what was chosen, or what it would take.
 
     Raises:
-        InputError: photos that take more memory than is free, with what was asked for.
+        InputError: photos that take more memory than is free, with what was asked for; a list of six photos or fewer,
+            or without numba.
     """
+    few, lacks = len(scene.frames) <= FEW, find_spec("numba") is None
+    if request.mode == EITHER and (few or lacks):
+        why = f"{len(scene.frames)} photos" if few else 'without numba (pip install "tinysplat[fast]" brings it)'
+        told.say("notice", f"{why}: not as one list", scene.path)
+        request = replace(request, mode=DEFAULT_MODE)
+    if request.mode == LIST and lacks:
+        raise InputError('needs numba; pip install "tinysplat[fast]" brings it', where="mode")
+    if request.mode == LIST and few:
+        fault = f"{len(scene.frames)} photos, expected more than {FEW}"
+        raise InputError(f"{fault}; `encode` and then `decode` write those of all their pixels", where=str(scene.path))
+    if request.mode in (LIST, EITHER):
+        check_memory(scene, way, refined=True)
+        return request, request.refine or Refinement()
+    return request, _steps(request, scene, way, told)
+
+
+def _steps(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refinement | None:
+    """Of views."""
     asked, mode = request.refine, request.mode
     is_usual = asked is None and len(scene.frames) > FEW and mode == DEFAULT_MODE and request.like is None
     if not is_usual:
@@ -45,5 +66,4 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refine
         told.say("notice", f"not refined by its photos: {error.message}", scene.path)
         return None
     told.say("notice", "then refined by its photos, worth about half a dB; --no-refine leaves that out", scene.path)
-    told.say("notice", "--mode list makes few Gaussians of it that show all photos, for any viewer", scene.path)
     return Refinement()

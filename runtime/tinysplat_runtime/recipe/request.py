@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from ..codec.modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
+from ..codec.modes import CHOICES, DEFAULT_MODE, EITHER, LIST, PHOTOS
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
@@ -250,15 +250,16 @@ class EncodeRequest(Noted, Coding, Sparse):
     def __post_init__(self) -> None:
         super().__post_init__()
         target = [name for name in self.rates if name != "qp"]
-        if target and (self.mode == PHOTOS or (self.mode == LIST and set(target) & {"lossless", "like"})):
+        is_listed = self.mode in (LIST, EITHER)
+        if target and (self.mode == PHOTOS or (is_listed and set(target) & {"lossless", "like"})):
             only = "with a target, lossless or like, which only gaussians can be given"
             raise InputError(f"'{self.mode}' {only}", where="mode")
         if self.refine and self.mode == PHOTOS:
             only = f"with --mode {self.mode}, whose files carry no Gaussians that were refined"
             raise InputError(only, where="refine")
-        if self.refine is not None and not self.refine and self.mode == LIST:
+        if self.refine is not None and not self.refine and is_listed:
             raise InputError("no steps, of which few Gaussians that show all photos need some", where="refine")
-        if self.mode != LIST and self.at_most != DEFAULT_GAUSSIANS:
+        if not is_listed and self.at_most != DEFAULT_GAUSSIANS:
             raise InputError(f"with --mode {self.mode}, whose files have all of them; expected {LIST}", where="at_most")
 
 

@@ -1,15 +1,22 @@
-"""What a capture shows of itself, where nobody has its photos."""
+"""What a sparse scene is to show: the photos of a capture, or what that shows of itself, where nobody has them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..gaussian.gaussians import Gaussians
+from ..refine.photos import matched, sizes_of
 from ..render import Renderer
 from ..render.gradient import Target
+from ..scene.scenes import Scene
 
 COVERED = 0.9
 """Pixels of a drawn picture that are less opaque say nothing."""
+
+
+def photos_of(capture: Gaussians, scene: Scene) -> list[Target]:
+    """The photos that the views of per-pixel Gaussians were taken as, of their size; errors as `photos.matched`."""
+    return sizes_of(capture, matched(capture, scene), closer=False)[0]
 
 
 def own_pictures(capture: Gaussians, threads: int | None = None) -> list[Target]:

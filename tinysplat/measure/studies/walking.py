@@ -25,11 +25,14 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.recipe.encode import LIST_QP
+from tinysplat_runtime.recipe.stages import sparse
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.sparse import DEFAULT_GAUSSIANS
+from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
 from ..metrics import METRICS
@@ -96,7 +99,10 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         if has_steps and is_compared:
             steps.insert(0, (ALONE, *cpu_of(lambda: runtime.predict(given, model, joint=False))))
         if has_steps and is_compared:
-            listed, more = cpu_of(lambda: _list(gaussians, given, run.threads))
+            from tinysplat_runtime.sparse.pictures import photos_of
+
+            sought = photos_of(gaussians, given)
+            listed, more = cpu_of(lambda: sparse(gaussians, sought, None, DEFAULT_GAUSSIANS, runtime, NOBODY))
             steps.append((LISTED, listed, cpu + more))
         if has_steps:
             refined, more = cpu_of(lambda: runtime.refine(gaussians, given))
@@ -135,14 +141,6 @@ def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
     scores = [{name: metric(picture, frame.judged()) for name, metric in METRICS.items()} for picture, frame in pairs]
     means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
     return {**means, "worst": min(score["psnr"] for score in scores)}
-
-
-def _list(gaussians: Gaussians, scene: Scene, threads: int) -> Gaussians:
-    """A capture as few Gaussians, as `encode -o F.spz` makes it."""
-    from tinysplat_runtime.refine.photos import matched, sizes_of
-    from tinysplat_runtime.sparse.train import trained
-
-    return trained(gaussians, sizes_of(gaussians, matched(gaussians, scene), closer=False)[0], threads=threads)
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:

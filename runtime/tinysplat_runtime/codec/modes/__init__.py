@@ -10,7 +10,7 @@
 docs/MODES.md has figures. Importing this package loads nothing, so that the command line can name modes.
 """
 
-DEFAULT_MODE, PHOTOS, LIST = "gaussians", "photos", "list"
+DEFAULT_MODE, PHOTOS, LIST, EITHER = "gaussians", "photos", "list", "auto"
 
-CHOICES = (DEFAULT_MODE, PHOTOS, LIST)
-"""What a scene of photos can be encoded as."""
+CHOICES = (DEFAULT_MODE, PHOTOS, LIST, EITHER)
+"""What a scene of photos can be encoded as; the last, as what shows photos of a capture better that were held back."""
