@@ -30,7 +30,8 @@ class Pace:
     Attributes:
         move, log_scale, turn, logit, sh, sh_rest: largest change of a value in a step, roughly (Adam's step size), at
             the start; `sh` of degree 0, `sh_rest` of those above.
-        last: what is left of them at the end; they fall evenly on a logarithmic scale.
+        fade: by how much every logit of opacity falls in a step, at the start: what no picture needs goes.
+        last: what is left of all of them at the end; they fall evenly on a logarithmic scale.
         momentum, memory, noise: Adam's β₁, β₂ and ε.
         looks: how often what has faded goes.
     """
@@ -41,6 +42,7 @@ class Pace:
     logit: float = 0.08
     sh: float = 0.01
     sh_rest: float = 0.0
+    fade: float = 0.0
     last: float = 0.1
     momentum: float = 0.9
     memory: float = 0.99
@@ -51,7 +53,11 @@ class Pace:
         """By kind of value, at a share of the way."""
         sizes = [self.move] * (LOG_SCALE - MOVE) + [self.log_scale] * (TURN - LOG_SCALE)
         sizes += [self.turn] * (LOGIT - TURN) + [self.logit] + [self.sh] * 3 + [self.sh_rest] * 3 * (functions - 1)
-        return [size * self.last ** min(way, 1) for size in sizes]
+        return [size * self.left(way) for size in sizes]
+
+    def left(self, way: float) -> float:
+        """What is left of all changes, at a share of the way."""
+        return self.last ** min(way, 1)
 
 
 class Descent:
@@ -86,6 +92,8 @@ class Descent:
             kernels.adam(self.field.values[kind], self.gradient[kind], *self.means[:, kind], numbers)
 
         self._run(move, [kind for kind, size in enumerate(sizes) if size])
+        if pace.fade:
+            self.field.values[LOGIT] -= np.float32(pace.fade * pace.left(way))
         self.field.place()
         return error
 

@@ -27,6 +27,8 @@ class Settings:
         larger: how much larger than their distance Gaussians begin.
         opacity: theirs at the beginning.
         added_size, added_opacity: of those that are added, own pixels and opacity.
+        fade: by how much every logit of opacity falls while each photo has its turn, at the start: what no photo needs
+            goes, as do Gaussians before a camera that its photo alone is fitted by.
         faded: Gaussians of less opacity go.
     """
 
@@ -45,4 +47,5 @@ class Settings:
     opacity: float = 0.6
     added_size: float = 1.2
     added_opacity: float = 0.5
+    fade: float = 0.24
     faded: float = 0.02

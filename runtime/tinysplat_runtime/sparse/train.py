@@ -172,7 +172,8 @@ class _Training:
             opacity=settings.opacity,
             run_jobs=self._run,
         )
-        self._descent = Descent(self._field(begun), settings.pace, self._run)
+        pace = replace(settings.pace, fade=settings.fade / len(targets))
+        self._descent = Descent(self._field(begun), pace, self._run)
         stats.given = capture.count
 
     def advance(self, budget: _Budget) -> Iterator[int]:
