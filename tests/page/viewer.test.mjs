@@ -204,13 +204,9 @@ test("a double click turns to what shows there, or returns", () => {
   close([viewer.camera.target, viewer.camera.rotation[0][1]], [point, 0], 0.02);
 });
 
-test("a bare page draws no lines and fades nothing, as render does", () => {
-  const [usual, bare] = [false, true].map((isBare) => {
-    const viewer = made(VIEWS, { isBare });
-    viewer.settings.lines = true;
-    return viewer.drawing();
-  });
-  assert.ok(usual.lines && usual.fades && !bare.lines && !bare.fades);
+test("a bare page fades nothing, as render does", () => {
+  const [usual, bare] = [false, true].map((isBare) => made(VIEWS, { isBare }).drawing());
+  assert.ok(usual.fades && !bare.fades);
 });
 
 test("where nothing is shows the background that is told, and no surroundings of the picture", () => {

@@ -71,12 +71,10 @@ class Panel {
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
     find("linkRow").hidden = !/^(http|file)/.test(location.protocol);
-    find("linesRow").hidden = find("freeRow").hidden = !hasCameras;
+    find("freeRow").hidden = !hasCameras;
     find("nearRow").hidden = find("ownRow").hidden = !cloud.viewCount;
     find("fliesRow").hidden = hasCameras;
     find("place").max = views.length;
-    find("degree").max = find("degree").value = Math.sqrt(cloud.functions) - 1;
-    find("degreeRow").hidden = cloud.functions === 1;
     this.shown();
   }
 
@@ -91,7 +89,7 @@ class Panel {
     find("place").oninput = () => this.select(viewer.order[find("place").value - 1]);
     find("before").onclick = () => viewer.step(-1);
     find("after").onclick = () => viewer.step(1);
-    for (const [id, name, value] of [["depth", "depth", "checked"], ["lines", "lines", "checked"], ["own", "ownPixels", "checked"], ["near", "nearFirst", "checked"], ["degree", "degree", "value"], ["opacity", "leastOpacity", "value"]]) {
+    for (const [id, name, value] of [["depth", "depth", "checked"], ["own", "ownPixels", "checked"], ["near", "nearFirst", "checked"], ["opacity", "leastOpacity", "value"]]) {
       find(id).oninput = () => {
         settings[name] = value === "value" ? Number(find(id).value) : find(id).checked;
         viewer.move();
@@ -132,7 +130,7 @@ class Panel {
     const { viewer, scene } = this;
     if (!scene) return;
     const { current } = viewer, photo = this.photos[current], place = find("photoPlace").value;
-    for (const id of ["degree", "opacity"]) find(id).parentElement.querySelector("output").textContent = find(id).value;
+    find("opacity").parentElement.querySelector("output").textContent = find("opacity").value;
     const at = viewer.order.indexOf(current) + 1, { length } = viewer.order;
     find("place").value = at;
     find("placeOf").textContent = `${at} / ${length}`;

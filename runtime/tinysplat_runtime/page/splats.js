@@ -27,7 +27,7 @@ uniform float nearPlane, leastOpacity;
 uniform float focal;                  // pixels, to measure own pixels with; 0 for dilation by the screen's
 uniform bool fades;                   // whether what lies beyond the pictures' edges is drawn fainter
 uniform vec2 logSteps;                // of lengths' codes: steps to a doubling, and what was added
-uniform int functions, stored;        // SH functions to use, and at hand
+uniform int functions;                // SH functions
 uniform vec3 depths;                  // 1/nearest, 1/farthest, and whether they are drawn in place of colours
 layout(location = 0) out uvec4 shape; // centre in clip coordinates, and the longer half axis, where the exponent is 1
 layout(location = 1) out uvec4 paint; // length of the shorter half axis, colour and part of alpha in half floats, logarithm of opacity
@@ -41,7 +41,7 @@ uvec4 texel(usampler2D source, uint at) {
 float length16(uint code) { return code == 0u ? 0.0 : exp2(float(code) / logSteps.x - logSteps.y); }
 
 vec3 sh(uint n) {
-  uvec2 code = texel(colours, index * uint(stored) + n).xy;
+  uvec2 code = texel(colours, index * uint(functions) + n).xy;
   return vec3(unpackHalf2x16(code.x), unpackHalf2x16(code.y).x);
 }
 
@@ -195,23 +195,6 @@ void main() {
   result = vec4(mix(0.4 * behind, seen.rgb + seen.a * behind, light), 1.0);
 }`;
 
-const LINES = `#version 300 es
-precision highp float;
-uniform mat3 projection;
-uniform vec3 eye;
-uniform vec2 principal, size;
-in vec3 position;
-void main() {
-  vec3 point = projection * (position - eye);
-  vec2 ndc = principal / size * vec2(2.0, -2.0) + vec2(-1.0, 1.0);
-  gl_Position = vec4(point.xy / size * vec2(2.0, -2.0) + ndc * point.z, 0.0, point.z);
-}`;
-
-const ORANGE = `#version 300 es
-precision mediump float;
-out vec4 result;
-void main() { result = vec4(1.0, 0.7, 0.33, 1.0); }`;
-
 function work(sorting) { // in a worker: orders Gaussians
   let order;
   onmessage = ({ data }) => {
@@ -249,7 +232,7 @@ function program(gl, vertex, fragment) {
     const { name } = gl.getActiveUniform(made, i);
     uniforms[name] = gl.getUniformLocation(made, name);
   }
-  return { made, uniforms, place: (name) => gl.getAttribLocation(made, name) };
+  return { made, uniforms };
 }
 
 const WORDS = { 1: ["R32UI", "RED_INTEGER"], 2: ["RG32UI", "RG_INTEGER"], 4: ["RGBA32UI", "RGBA_INTEGER"] };
@@ -327,7 +310,6 @@ export class Splats {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.blurred.frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.blurred.texture, 0);
-    this.lines = program(gl, LINES, ORANGE);
     this.empty = gl.createVertexArray();
     this.recordFrame = gl.createFramebuffer();
     this.target = { texture: gl.createTexture(), frame: gl.createFramebuffer(), width: 0, height: 0 };
@@ -449,7 +431,6 @@ export class Splats {
     gl.uniform3fv(this.show.uniforms.ground, ground);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    if (options.lines) this.#drawLines(camera, options.lines);
   }
 
   // Brings what lies behind nearer to the picture's own colours, by a share.
@@ -518,8 +499,7 @@ export class Splats {
     gl.uniform1f(uniforms.focal, options.ownPixels ? view.focal : 0);
     gl.uniform1i(uniforms.fades, options.fades ? 1 : 0);
     gl.uniform1f(uniforms.leastOpacity, options.leastOpacity);
-    gl.uniform1i(uniforms.functions, (options.degree + 1) ** 2);
-    gl.uniform1i(uniforms.stored, this.cloud.functions);
+    gl.uniform1i(uniforms.functions, this.cloud.functions);
     gl.uniform3f(uniforms.depths, 1 / this.cloud.nearest, 1 / this.cloud.farthest, options.depth ? 1 : 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     gl.viewport(0, 0, TEXTURE_WIDTH, Math.ceil(this.sortedCount / TEXTURE_WIDTH));
@@ -555,25 +535,5 @@ export class Splats {
     gl.drawBuffers([gl.NONE]);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.texture, 0);
-  }
-
-  #drawLines(camera, positions) {
-    const { gl } = this, { uniforms } = this.lines, { width, height } = gl.canvas, view = camera.fitted(width, height);
-    gl.useProgram(this.lines.made);
-    gl.uniformMatrix3fv(uniforms.projection, true, view.projection);
-    gl.uniform3fv(uniforms.eye, camera.position);
-    gl.uniform2fv(uniforms.principal, view.principal);
-    gl.uniform2f(uniforms.size, width, height);
-    if (!this.lineArray) {
-      this.lineArray = gl.createVertexArray();
-      gl.bindVertexArray(this.lineArray);
-      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-      gl.bufferData(gl.ARRAY_BUFFER, positions, gl.STATIC_DRAW);
-      const place = this.lines.place("position");
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
-    }
-    gl.bindVertexArray(this.lineArray);
-    gl.drawArrays(gl.LINES, 0, positions.length / 3);
   }
 }

@@ -26,7 +26,7 @@ export class Viewer {
   // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
   constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
     Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false });
-    this.settings = { degree: 4, leastOpacity: 0, depth: false, lines: false, ownPixels: true, nearFirst: true };
+    this.settings = { leastOpacity: 0, depth: false, ownPixels: true, nearFirst: true };
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
       back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
@@ -50,8 +50,7 @@ export class Viewer {
   }
 
   #stand(first) {
-    const { views, up, reach, hasCameras } = this.scene, window = () => [this.canvas.clientWidth, this.canvas.clientHeight];
-    this.lines = hasCameras ? frusta(views, 0.04 * reach) : null;
+    const { views, up, reach } = this.scene, window = () => [this.canvas.clientWidth, this.canvas.clientHeight];
     this.camera = new Camera(views[first], reach);
     this.free = new FreeMover(this.camera, up, window, reach);
     this.near = this.bound && new BoundMover(this.camera, this.bound, up, window);
@@ -267,8 +266,8 @@ export class Viewer {
     const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
     const isFramed = isNear && !isBare && !settings.depth && !this.background; // else its surroundings continue the picture
     return {
-      nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels, degree: Math.min(settings.degree, Math.sqrt(this.cloud.functions) - 1),
-      leastOpacity: settings.leastOpacity, depth: settings.depth, lines: settings.lines && !isBare ? this.lines : null,
+      nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels,
+      leastOpacity: settings.leastOpacity, depth: settings.depth,
       fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: settings.depth ? [0, 0, 0] : this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground),
       isFramed, follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
     };
@@ -353,18 +352,4 @@ export class Viewer {
     document.body.dataset.ready = String(this.settings.leastOpacity);
     if (!this.wanted) this.told.rested?.();
   }
-}
-
-// Corners of the cameras' pictures, a little way in front of them, as lines (…, 3).
-function frusta(views, size) {
-  const lines = [];
-  for (const { K: [fx, skew, fy, cx, cy], width, height, rotation, position } of views) {
-    const corner = (u, v) => {
-      const y = (v - cy) / fy, x = (u - cx - skew * y) / fx;
-      return add(add(add(position, rotation[0], x * size), rotation[1], y * size), rotation[2], size);
-    };
-    const [a, b, c, d] = [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)];
-    lines.push(position, a, position, b, position, c, position, d, a, b, b, c, c, d, d, a);
-  }
-  return new Float32Array(lines.flat());
 }

@@ -141,7 +141,7 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
   require(isFinite.every((array) => array.every(Number.isFinite)), "decodes to numbers beyond float32", `EXAC[${index}]`);
 }
 
-/** @param {Uint16Array} numbers */
+/** @param {Uint16Array<ArrayBuffer>} numbers */
 function littleEndian(numbers) {
   const bytes = new Uint8Array(numbers.buffer);
   if (new Uint8Array(Uint16Array.of(1).buffer)[0] === 1) return bytes;
