@@ -22,7 +22,7 @@ from tinysplat_runtime.scene.pictures import write_png
 
 from ..clock import measure_apart
 from ..rows import Row, grouped, of_study
-from ..show.tables import duration, format_table, megabytes
+from ..show.tables import Listing, digits, duration, format_table, kilobytes, mean, megabytes, said
 from ..study import Run, Study
 from ..subjects.made import cloud, cloud_camera
 from ..subjects.room import Motorcycle, Room
@@ -174,7 +174,7 @@ def growth_table(rows: Sequence[Row]) -> str:
     by what power seconds grow.
     """
     growing, lines = grouped((row for row in rows if row.costs), "study", "subject"), []
-    for (study, axis), said in AXES.items():
+    for (study, axis), label in AXES.items():
         members = sorted(growing.get((study, axis), []), key=lambda row: row.setting["x"])
         if len(members) < 2:
             continue
@@ -182,7 +182,7 @@ def growth_table(rows: Sequence[Row]) -> str:
         first, middle, last = (members[n] for n in (0, (len(members) - 1) // 2, -1))
         lines.append(
             [
-                said,
+                label,
                 *(f"{row.setting['x']:,}" for row in (first, last)),
                 *(duration(row.costs[clock]) for row in (first, last)),
                 *(megabytes(row.costs["peak_bytes"]) for row in (first, last)),
@@ -243,5 +243,12 @@ def photo_line(rows: Sequence[Row]) -> str:
 GROWTH = Study(
     "Growth",
     growth_rows,
-    {"growth in short": growth_table, "growth captures": capture_table, "growth photos": photo_line},
+    {
+        "growth in short": growth_table,
+        "growth captures": capture_table,
+        "growth photos": photo_line,
+        "phone": Listing(
+            "phone", {"": said("way"), "CPU s": mean("cpu", digits(0), "costs"), "KB": mean("bytes", kilobytes)}
+        ),
+    },
 )
