@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from tinysplat_runtime.scene.pictures import write_png
 
@@ -28,10 +27,8 @@ def plane_photo(x: float) -> NDArray:
     return (127.5 + 120 * texture).astype(np.uint8)
 
 
-def write_eval_scene(
-    folder: Path, windows: Sequence[Any] = (NEAR_WINDOW,), frames: int = 4, *, with_depth: bool = False
-) -> Path:
-    """Write photos, cameras, an index, and depth maps if asked for; returns the folder."""
+def write_eval_scene(folder: Path, windows: Sequence[Any] = (NEAR_WINDOW,), frames: int = 4) -> Path:
+    """Write photos, cameras and an index; returns the folder."""
     folder.mkdir(parents=True)
     entries = []
     for i in range(frames):
@@ -40,11 +37,8 @@ def write_eval_scene(
         c2w[0, 3] = SPACING * i
         K = [[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]
         entry = {"file": f"{i}.png", "width": WIDTH, "height": HEIGHT, "K": K, "c2w": c2w.tolist()}
-        if with_depth:
-            Image.fromarray(np.full((HEIGHT, WIDTH), round(1000 * PLANE_Z), np.uint16)).save(folder / f"{i}_depth.png")
-            entry["depth"] = f"{i}_depth.png"
         entries.append(entry)
-    document = {"frames": entries, "near": 1.0, "far": 30.0, "depth_scale": 1000}
+    document = {"frames": entries, "near": 1.0, "far": 30.0}
     (folder / "cameras.json").write_text(json.dumps(document))
     write_index(folder, windows)
     return folder

@@ -12,7 +12,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
 from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
-from tinysplat.measure.metrics import METRICS, depth_errors, flip, psnr, sharpness, ssim
+from tinysplat.measure.metrics import METRICS, flip, psnr, sharpness, ssim
 from tinysplat_runtime.errors import InputError
 
 
@@ -73,18 +73,6 @@ def test_pictures_of_unlike_shapes_are_refused(metric, other):
 def test_ssim_refuses_pictures_smaller_than_its_window():
     with refusing(InputError, "11"):
         ssim(photo(10, 30), photo(10, 30))
-
-
-# ---- depth and attributes ----------------------------------------------------------------------------------------
-
-
-def test_depth_errors_count_pixels_that_both_maps_know():
-    truth = np.array([[2.0, 4.0, 0.0, 5.0]])
-    depth = np.array([[2.2, 3.0, 9.0, 0.0]])
-    errors = depth_errors(depth, truth)
-    assert errors["abs_rel"] == pytest.approx((0.1 + 0.25) / 2)
-    assert errors["rmse"] == pytest.approx(math.sqrt((0.04 + 1) / 2))
-    assert errors["right"] == 0.5 and errors["covered"] == pytest.approx(2 / 3)
 
 
 # ---- LPIPS -------------------------------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from datasets.chunks import make_chunk_scene, write_chunks
 from measure.evaluation_scenes import (
     HEIGHT,
     NEAR_WINDOW,
-    PLANE_Z,
     WIDE_WINDOW,
     WIDTH,
     plane_photo,
@@ -21,7 +20,6 @@ from measure.evaluation_scenes import (
     write_index,
 )
 from measure.tiny_runs import shows
-from PIL import Image
 from scenes import make_smooth_gaussians, refusing, tells
 
 from tinysplat.measure.metrics import psnr
@@ -30,7 +28,7 @@ from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
 from tinysplat.measure.runner import RunOutcome, RunPlan, list_jobs, run_jobs
 from tinysplat.measure.show.quality import TABLES
 from tinysplat.measure.subjects.cases import Window, covered_pixels
-from tinysplat.measure.subjects.sources import FolderSource, find_sources, read_depth
+from tinysplat.measure.subjects.sources import FolderSource, find_sources
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.recipe.words import Refinement
@@ -115,17 +113,6 @@ def test_the_depth_range_is_the_options_then_the_indexs_then_the_cameras(tmp_pat
         FolderSource(folder).scene()
 
 
-def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
-    stored = np.arange(30 * 50, dtype=np.uint16).reshape(30, 50)
-    Image.fromarray(stored).save(tmp_path / "depth.png")
-    read = read_depth(tmp_path / "depth.png", 10.0, 30, 30)
-    np.testing.assert_array_equal(read, stored[:, 10:40] / np.float32(10))
-    assert set(np.unique(read_depth(tmp_path / "depth.png", 1.0, 60, 60))) <= set(np.unique(stored))
-    Image.fromarray(stored.astype(np.uint8)).save(tmp_path / "depth.png")
-    with refusing(InputError, f"{tmp_path / 'depth.png'} 16-bit"):
-        read_depth(tmp_path / "depth.png", 10.0, 30, 30)
-
-
 # ---- measuring ---------------------------------------------------------------------------------------------------
 
 
@@ -133,7 +120,7 @@ def test_depth_maps_are_cropped_as_photos_are_and_keep_their_samples(tmp_path):
 def measured(tmp_path_factory) -> tuple[Path, RunOutcome]:
     """A scene and its results."""
     folder = tmp_path_factory.mktemp("measured")
-    scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, WIDE_WINDOW], with_depth=True)
+    scene = write_eval_scene(folder / "plane", [NEAR_WINDOW, WIDE_WINDOW])
     return scene, evaluate(plan_of(scene), folder / "results")
 
 
@@ -163,8 +150,6 @@ def test_a_row_says_what_coding_cost(measured):
     assert {"network", "render"} < set(fine["seconds"]) and min(fine["seconds"].values()) >= 0
     assert fine["attribute_errors"]["means"]["rmse"] < coarse["attribute_errors"]["means"]["rmse"]
     assert fine["lpips"] is None and fine["lpips_raw"] is None
-    depth = fine["depth"]
-    assert 0 < depth["raw"]["covered"] <= 1 and depth["raw"]["abs_rel"] < 1 and depth["decoded"]["rmse"] < PLANE_Z
 
 
 def test_a_run_cut_short_or_torn_goes_on_to_the_same_figures(measured, tmp_path):

@@ -1,4 +1,4 @@
-"""How far one picture, depth map or set of Gaussians is from another.
+"""How far one picture or set of Gaussians is from another.
 
 Pictures are (H, W, 3) in [0, 1]; values outside are clipped, none are rounded to 8 bits. PSNR and SSIM are the
 definitions of the evaluations that the paper quotes (pixelSplat, MVSplat, DepthSplat), so that figures compare:
@@ -32,9 +32,6 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.decibels import decibels
 
 SSIM_WINDOW = 11
-
-DEPTH_RATIO = 1.25
-"""Depths are called right when neither is more than this many times the other (Eigen et al. 2014)."""
 
 
 def psnr(image: NDArray, reference: NDArray, mask: NDArray | None = None) -> float:
@@ -128,35 +125,6 @@ METRICS: Mapping[str, Callable[[NDArray, NDArray], float]] = {
     "sharpness": sharpness,
 }
 """What pictures are judged by, FLIP where its package is installed; LPIPS joins them where its weights are at hand."""
-
-
-def depth_errors(depth: NDArray, truth: NDArray) -> dict[str, float]:
-    """Errors of a depth map where both it and the truth have a value.
-
-    Args:
-        depth: (H, W) float z in the camera frame, scene units; 0 for none.
-        truth: (H, W) the same.
-
-    Returns:
-        `abs_rel` (mean |d − t| / t), `rmse` (scene units), `right` (share within a factor of 1.25), and `covered`, the
-        share of the truth's pixels that `depth` has a value for; NaN where no pixel has both.
-
-    Raises:
-        InputError: shapes differ.
-    """
-    if np.shape(depth) != np.shape(truth):
-        raise InputError(f"shape {np.shape(depth)}, expected {np.shape(truth)} as the truth has", where="depth")
-    known = np.asarray(truth) > 0
-    both = known & (np.asarray(depth) > 0)
-    if not both.any():
-        return {"abs_rel": math.nan, "rmse": math.nan, "right": math.nan, "covered": 0.0 if known.any() else math.nan}
-    d, t = np.asarray(depth, np.float64)[both], np.asarray(truth, np.float64)[both]
-    return {
-        "abs_rel": float(np.mean(np.abs(d - t) / t)),
-        "rmse": float(np.sqrt(np.mean((d - t) ** 2))),
-        "right": float(np.mean(np.maximum(d / t, t / d) < DEPTH_RATIO)),
-        "covered": float(both.sum() / known.sum()),
-    }
 
 
 def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, NDArray]:

@@ -28,12 +28,10 @@ class Rendered:
 
     Attributes:
         images: (H, W, 3) float32 per camera.
-        depths: (H, W) float32 per camera whose true depth is known, else None.
         seconds: median of one picture.
     """
 
     images: Sequence[NDArray]
-    depths: tuple[NDArray | None, ...]
     seconds: float
 
 
@@ -52,36 +50,27 @@ class PictureJudge:
         self.case = case
         self.renderer: Callable[[Gaussians], Renderer] = partial(Renderer, threads=threads, **prepare)
         self.raw = self.render(case.gaussians)
-        self._raw_to_photo = self._to_photos(self.raw.images)
 
     def render(self, gaussians: Gaussians) -> Rendered:
-        """Pictures at the case's cameras, and depth maps where the truth is known."""
+        """Pictures at the case's cameras."""
         draw = self.renderer(gaussians).render
-        images, depths, seconds = [], [], []
-        for camera, truth in zip(self.case.cameras, self.case.depths, strict=True):
+        images, seconds = [], []
+        for camera in self.case.cameras:
             start = time.perf_counter()
             images.append(draw(camera))
             seconds.append(time.perf_counter() - start)
-            depths.append(None if truth is None else draw(camera, outputs=("depth",))["depth"])
-        return Rendered(images, tuple(depths), statistics.median(seconds))
+        return Rendered(images, statistics.median(seconds))
 
     def figures(self, decoded: Gaussians) -> dict[str, float]:
         """dB means over the case's cameras.
 
         Returns:
-            `psnr_decoded_raw` against the raw Gaussians' pictures; where there are photos, `psnr` and `psnr_raw`
-            against them and `db_lost` = `psnr_raw` − `psnr`.
+            `psnr_decoded_raw` against the raw Gaussians' pictures; where there are photos, `psnr` against them.
         """
         images = self.render(decoded).images
         decibels = {"psnr_decoded_raw": mean_psnr(images, self.raw.images)}
-        to_photo = self._to_photos(images)
-        if to_photo is not None and self._raw_to_photo is not None:
-            decibels |= {"psnr": to_photo, "psnr_raw": self._raw_to_photo, "db_lost": self._raw_to_photo - to_photo}
-        return decibels
-
-    def _to_photos(self, images: Sequence[NDArray]) -> float | None:
         pairs = [(a, b) for a, b in zip(images, self.case.photos, strict=True) if b is not None]
-        return mean_psnr(*zip(*pairs, strict=True)) if pairs else None
+        return decibels | ({"psnr": mean_psnr(*zip(*pairs, strict=True))} if pairs else {})
 
 
 def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], threads: int = 1) -> float:

@@ -28,8 +28,8 @@ from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .machine import describe_machine
-from .metrics import METRICS, depth_errors, psnr
-from .pictures import PictureJudge, PictureMetric, Rendered, photo_psnr
+from .metrics import METRICS, psnr
+from .pictures import PictureJudge, PictureMetric, photo_psnr
 from .rows import Row, grouped
 from .runner import RunOutcome, WindowJob
 from .subjects.cases import Case, covered_pixels, nearest_views
@@ -173,7 +173,6 @@ def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: Pictu
         "height": camera.height,
         "width": camera.width,
         "bytes": len(data),
-        "depth": _depth_scores(case, {"raw": pictures.raw, "decoded": rendered}),
         "bytes_by_class": described["bytes_by_class"],
         "metadata_bytes": described["metadata_bytes"],
         "raw_bytes": sum(getattr(layer, name).nbytes for layer in case.gaussians.layers for name in FIELDS),
@@ -199,18 +198,6 @@ def _scores(
     if covered:
         masked = zip(pairs, covered, strict=True)
         scores[f"psnr{suffix}_covered"] = [psnr(*pair, mask) for pair, mask in masked if mask.any()]
-    return scores
-
-
-def _depth_scores(case: Case, sets: Mapping[str, Rendered]) -> dict[str, dict[str, float]]:
-    """Means over the targets whose true depth is known and met by the rendered one."""
-    scores: dict[str, dict[str, float]] = {}
-    for name, rendered in sets.items():
-        pairs = zip(rendered.depths, case.depths, strict=True)
-        scored = [depth_errors(d, t) for d, t in pairs if d is not None and t is not None and t.any()]
-        scored = [errors for errors in scored if errors["covered"] > 0]
-        if scored:
-            scores[name] = {key: float(np.mean([errors[key] for errors in scored])) for key in scored[0]}
     return scores
 
 

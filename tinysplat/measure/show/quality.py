@@ -17,11 +17,6 @@ class Part(NamedTuple):
     rows: Sequence[Row]
     mean: dict[str, Any]
 
-    @property
-    def size(self) -> str:
-        """Of its pictures."""
-        return f"{self.rows[0].figures['width']}×{self.rows[0].figures['height']}"
-
 
 def by_scene(rows: Sequence[Row]) -> list[Part]:
     """A group's scenes, and the means over scenes and over windows where these are others."""
@@ -32,18 +27,6 @@ def by_scene(rows: Sequence[Row]) -> list[Part]:
     if len(rows) > len(scenes):
         parts.append(Part("mean of windows", rows, mean_of_rows(rows)))
     return parts
-
-
-def by_group(table: Callable[[Sequence[Part]], str], name: str, figure: str = "bytes") -> Table:
-    """A table with a line per group of rows that have a figure, of means over scenes; `name` has words of
-    `quality.IDENTITY` in braces.
-    """
-
-    def of(rows: Sequence[Row]) -> str:
-        groups = groups_of([row for row in rows if row.study == STUDY and figure in row.figures])
-        return table([Part(name.format(**identity), members, mean_of_scenes(members)) for identity, members in groups])
-
-    return of
 
 
 def results_text(rows: Sequence[Row], *, has_lpips: bool) -> str:
@@ -86,15 +69,16 @@ def every_figure(parts: Sequence[Part], has_lpips: bool) -> str:
     return format_table(["scene", "windows", *columns], lines)
 
 
-def summary_table(parts: Sequence[Part]) -> str:
-    """What matters most of pictures and bytes, and how much was measured."""
+def summary_table(rows: Sequence[Row]) -> str:
+    """By group of evaluations, what matters most, as means over scenes, and how much was measured."""
     lines = []
-    for part in parts:
-        setting, mean, scenes = part.rows[0].setting, part.mean, len(grouped(part.rows, "scene"))
-        how = f"{setting['model']}, {setting['profile']} {setting['qp']:g}, {part.size}"
+    for group, members in groups_of([row for row in rows if row.study == STUDY and row.figures]):
+        mean, scenes = mean_of_scenes(members), len(grouped(members, "scene"))
+        name = "{kind}, {views} views".format(**group)
+        how = "{model}, {profile} {qp:g}, {width}×{height}".format(**group)
         cells = (decibels(mean[key]) for key in ("psnr_photo", "psnr_raw", "psnr", "psnr_covered"))
-        counts = str(scenes), str(len(part.rows))
-        lines.append([part.name, how, *counts, *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
+        counts = str(scenes), str(len(members))
+        lines.append([name, how, *counts, *cells, number(mean["ssim"], 4), kilobytes(mean["bytes"])])
     heads = ["", "network, coding", "scenes", "windows", "photo dB", "raw dB", "coded dB", "covered dB", "SSIM", "KB"]
     return format_table(heads, lines) if lines else ""
 
@@ -111,8 +95,5 @@ def refined_table(parts: Sequence[Part]) -> str:
     return format_table(heads, lines) if lines else ""
 
 
-TABLES: Mapping[str, Table] = {
-    "quality summary": by_group(summary_table, "{kind}, {views} views"),
-    "refined summary": by_group(refined_table, "{kind}, {views} views", "refined"),
-}
+TABLES: Mapping[str, Table] = {"quality summary": summary_table}
 """Of evaluations, which pages show by these names."""

@@ -73,12 +73,12 @@ class PhotoViews:
     Attributes:
         images: (V, H, W, 3) float32 in [0, 1]; of what is drawn, NaN where a mask leaves pixels out.
         cameras: one per view.
-        depths: (H, W) true z per view, 0 where unknown, or None.
+        depths: (H, W) true z per view, of made scenes.
     """
 
     images: NDArray
     cameras: tuple[Camera, ...]
-    depths: tuple[NDArray | None, ...] = ()
+    depths: tuple[NDArray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,6 @@ class Case:
         gaussians: per pixel, with cameras.
         cameras: where pictures are taken.
         photos: (H, W, 3) float32 per camera, or None where there is none.
-        depths: (H, W) true depth per camera, 0 where unknown, or None.
         shots: what the Gaussians were predicted from, or None.
         seconds: of the stage `network`.
     """
@@ -155,15 +154,13 @@ class Case:
     gaussians: Gaussians
     cameras: tuple[Camera, ...]
     photos: tuple[NDArray | None, ...]
-    depths: tuple[NDArray | None, ...]
     shots: Shots | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def without_photos(cls, name: str, gaussians: Gaussians, cameras: Sequence[Camera]) -> Case:
         """Gaussians that no network made here, and where pictures of them are taken."""
-        nothing = (None,) * len(cameras)
-        return cls(name, name, gaussians, tuple(cameras), nothing, nothing)
+        return cls(name, name, gaussians, tuple(cameras), (None,) * len(cameras))
 
 
 def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
@@ -175,8 +172,7 @@ def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
         if shots.scene is not None:
             gaussians = hidden(gaussians, shots.scene)
     targets = shots.targets
-    depths = targets.depths or (None,) * len(targets.cameras)
-    return Case(name, model, gaussians, targets.cameras, tuple(targets.images), depths, shots, watch.seconds)
+    return Case(name, model, gaussians, targets.cameras, tuple(targets.images), shots, watch.seconds)
 
 
 def nearest_views(camera: Camera, among: Sequence[Camera], count: int) -> list[int]:

@@ -120,7 +120,7 @@ def made_gaussians(views: int, height: int, width: int, degree: int) -> Gaussian
     """Network-like Gaussians of the room; the same arguments give the same Gaussians."""
     room = Room(views)
     photos = room.shots(room.windows()[0][0], (height, width)).context
-    return network_like(photos.images, np.stack([d for d in photos.depths if d is not None]), photos.cameras, degree)
+    return network_like(photos.images, np.stack(photos.depths), photos.cameras, degree)
 
 
 def cloud(count: int) -> Gaussians:

@@ -1,5 +1,5 @@
 """Scenes that need no data: a ray-traced room of any size and number of views with exact depths, and the stereo pair
-that comes with scikit-image, real photos with measured depth.
+that comes with scikit-image, real photos.
 
 Walls, boxes and balls with solid textures (sums of waves with hard edges drawn into them), so that photo-consistency
 has something to hold on to, depth has steps, and benchmarks need no data. Everything is a function of its arguments.
@@ -176,43 +176,30 @@ FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.
 
 @dataclass(frozen=True)
 class Motorcycle(_OneWindow):
-    """The stereo pair, without targets; its measured depth belongs to the left view alone."""
+    """The stereo pair, without targets."""
 
     name = "motorcycle"
 
     def shots(self, window: Window, size: tuple[int, int]) -> Shots:
         """See `Source`; InputError where scikit-image is not installed."""
-        photos, depth = _motorcycle()
+        photos = _motorcycle()
         K = [np.array([[FOCAL_PX, 0, cx], [0, FOCAL_PX, CY_PX], [0, 0, 1]]) for cx in CX_PX]
         poses = [np.eye(4), np.eye(4)]
         poses[1][0, 3] = BASELINE_M
         full = [Camera(k, c2w, photos.shape[2], photos.shape[1]) for k, c2w in zip(K, poses, strict=True)]
         images = np.stack([resize_cover(photo, *size) for photo in photos])
         cameras = tuple(camera.resized(*size) for camera in full)
-        context = PhotoViews(images, cameras, (_nearest(depth, full[0], cameras[0]), None))
-        return Shots(context, PhotoViews(np.zeros((0, *size, 3), np.float32), ()), 2.0, 5.1)
+        return Shots(PhotoViews(images, cameras), PhotoViews(np.zeros((0, *size, 3), np.float32), ()), 2.0, 5.1)
 
 
 @lru_cache(maxsize=1)
-def _motorcycle() -> tuple[NDArray, NDArray]:
-    """Photos (2, H, W, 3) uint8 and the left one's z (H, W) in metres, 0 where unknown."""
+def _motorcycle() -> NDArray:
+    """Photos (2, H, W, 3) uint8."""
     try:
         from skimage.data import stereo_motorcycle
     except ImportError:
         raise InputError(
             "needs the package 'scikit-image'; pip install \"tinysplat[demo]\" brings it", where="motorcycle"
         ) from None
-    left, right, disparity = stereo_motorcycle()
-    known = np.isfinite(disparity) & (disparity > 0)
-    depth = np.zeros(disparity.shape)
-    depth[known] = FOCAL_PX * BASELINE_M / (disparity[known] + CX_PX[1] - CX_PX[0])
-    return np.stack([left, right]), depth
-
-
-def _nearest(depth: NDArray, camera: Camera, to: Camera) -> NDArray:
-    """Depth at another size of the same view: a step must not be averaged away."""
-    y, x = np.mgrid[: to.height, : to.width] + 0.5
-    pixels = np.stack([x, y, np.ones_like(x)], axis=-1) @ (camera.K @ np.linalg.inv(to.K)).T
-    column = pixels[..., 0].astype(int).clip(0, camera.width - 1)
-    row = pixels[..., 1].astype(int).clip(0, camera.height - 1)
-    return depth[row, column].astype(np.float32)
+    left, right, _ = stereo_motorcycle()
+    return np.stack([left, right])

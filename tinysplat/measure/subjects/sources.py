@@ -11,16 +11,12 @@ boundary: files are bounded in size, and what they hold is checked field by fiel
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
@@ -31,11 +27,10 @@ from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import between
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.images import MAX_PIXELS
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
-from tinysplat_runtime.system.files import StrPath, check_readable, read_limited
+from tinysplat_runtime.system.files import StrPath, read_limited
 from tinysplat_runtime.system.jsonfields import JsonObject
 
 from ..rows import digest
@@ -85,8 +80,7 @@ class FolderSource(PhotoSource):
         whole = self.scene()
         near, far = whole.depth_range()
         context, targets = (whole.resized(*size).views(indices) for indices in (window.context, window.targets))
-        depths = tuple(self._depths(window.targets, targets.cameras))
-        seen = PhotoViews(targets.images(judged=True), tuple(targets.cameras), depths)
+        seen = PhotoViews(targets.images(judged=True), tuple(targets.cameras))
         return Shots(PhotoViews(context.images(), tuple(context.cameras)), seen, near, far, context)
 
     def fingerprint(self, window: Window) -> str:
@@ -98,19 +92,6 @@ class FolderSource(PhotoSource):
             path, mask = scene.frames[i].path, scene.frames[i].mask
             photos.append([path.name, _stat(path) if path.is_file() else None, *([_stat(mask.path)] if mask else [])])
         return digest(cameras, scene.near, scene.far, photos)
-
-    def _depths(self, indices: Sequence[int], cameras: Sequence[Camera]) -> Iterable[NDArray | None]:
-        """True depth per frame at the cameras' size, where `cameras.json` names files of it."""
-        document = json.loads(read_limited(self.path / CAMERAS_FILE, MAX_INDEX_BYTES))
-        scale = document.get("depth_scale")
-        for index, camera in zip(indices, cameras, strict=True):
-            name = document["frames"][index].get("depth")
-            if not isinstance(name, str) or not isinstance(scale, int | float) or not scale > 0:
-                yield None
-            elif (self.path / name).resolve().is_relative_to(self.path.resolve()):
-                yield read_depth(self.path / name, float(scale), camera.height, camera.width)
-            else:
-                raise InputError(f"'{name}' leaves the scene's folder", where=f"{self.path}: frames[{index}].depth")
 
 
 @dataclass(frozen=True)
@@ -299,33 +280,3 @@ def parse_window(entry: Any, frames: int, where: str) -> Window:
     if len(set(context)) < len(context):
         raise InputError(f"{list(context)} names a frame twice", where=f"{where}.context")
     return Window(kind, context, targets)
-
-
-def read_depth(path: Path, scale: float, height: int, width: int) -> NDArray:
-    """A 16-bit PNG of depth × scale, at the size of evaluation.
-
-    Args:
-        path: the file; 0 stands for no value.
-        scale: values per scene unit.
-        height, width: as `Camera.resized` covers and crops; the nearest sample is taken, as depths don't mix.
-
-    Returns:
-        (height, width) float32 in scene units.
-    """
-    from PIL import Image
-
-    check_readable(path)
-    try:
-        with Image.open(path, formats=("PNG",)) as image:
-            if image.mode not in ("I;16", "I;16B", "I") or image.width * image.height > MAX_PIXELS:
-                fault = f"{image.width}x{image.height} of mode {image.mode}"
-                raise InputError(f"{fault}, expected a 16-bit grey PNG", where=str(path))
-            stored = np.asarray(image).astype(np.float32)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError(f"cannot be decoded ({str(error)[:120]})", where=str(path)) from None
-    to_output = Camera(np.eye(3), np.eye(4), width=stored.shape[1], height=stored.shape[0]).resized(height, width).K
-    rows, columns = (
-        np.floor((np.arange(n) + 0.5 - to_output[axis, 2]) / to_output[axis, axis]).astype(int).clip(0, limit - 1)
-        for n, axis, limit in ((height, 1, stored.shape[0]), (width, 0, stored.shape[1]))
-    )
-    return stored[np.ix_(rows, columns)] / np.float32(scale)
