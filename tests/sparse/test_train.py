@@ -68,8 +68,8 @@ def test_photos_of_different_exposure_are_as_good_as_others(torn) -> None:
     gains = np.array([1, 0.8, 1.15, 1, 0.9, 1.1, 1.05])
     darker = [replace(one, photo=np.float32(gain) * one.photo) for one, gain in zip(targets, gains, strict=True)]
     count = {"count": AT_MOST, "steps": 210, "threads": 2}
-    found = trained(capture, darker, **count, stats=(stats := TrainStats()))
-    fixed = trained(capture, darker, **count, settings=Settings(exposure=9.0))
+    found = trained(capture, darker, **count, settings=Settings(fade=0), stats=(stats := TrainStats()))
+    fixed = trained(capture, darker, **count, settings=Settings(fade=0, exposure=9.0))
     assert np.corrcoef(stats.gains, gains)[0, 1] > 0.9
     assert mean_psnr(found, targets) > mean_psnr(fixed, targets)
 
@@ -146,4 +146,4 @@ def test_what_is_before_nothing_is_seen_through_not_black(torn) -> None:
         covered[name] = [
             render(found, one.camera, **DEFINITION, outputs=("alpha",))["alpha"][:, 20:].mean() for one in targets
         ]
-    assert np.mean(covered["nothing"]) < 0.8 * np.mean(covered["black"])
+    assert np.mean(covered["nothing"]) < 0.8 * np.mean(covered["black"]) and np.mean(covered["black"]) > 0.95

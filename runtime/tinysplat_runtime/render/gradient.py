@@ -64,9 +64,9 @@ class Target:
     backdrop: float = 0.0
 
     def before(self, backdrop: float) -> Target:
-        """The photo with another background where nothing is; the same where all is something."""
+        """The photo with another background where nothing is, and where Gaussians are seen through."""
         if self.nothing is None or not backdrop:
-            return self
+            return replace(self, backdrop=backdrop)
         lit = np.float32(self.gain * backdrop + self.offset)
         return replace(self, photo=self.photo + lit * self.nothing[..., None], backdrop=backdrop)
 

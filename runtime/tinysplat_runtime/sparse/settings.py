@@ -27,8 +27,9 @@ class Settings:
         larger: how much larger than their distance Gaussians begin.
         opacity: theirs at the beginning.
         added_size, added_opacity: of those that are added, own pixels and opacity.
-        fade: by how much every logit of opacity falls while each photo has its turn, at the start: what no photo needs
-            goes, as do Gaussians before a camera that its photo alone is fitted by.
+        fade: by how much every logit of opacity falls in a step, at the start, times the root of the number of photos:
+            as far as Adam moves on the mean what one of them alone asks for. So what no photo needs goes, as does most
+            of what a single one is fitted by.
         faded: Gaussians of less opacity go.
     """
 
@@ -47,5 +48,5 @@ class Settings:
     opacity: float = 0.6
     added_size: float = 1.2
     added_opacity: float = 0.5
-    fade: float = 0.24
+    fade: float = 0.05
     faded: float = 0.02

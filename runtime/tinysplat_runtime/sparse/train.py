@@ -172,7 +172,7 @@ class _Training:
             opacity=settings.opacity,
             run_jobs=self._run,
         )
-        pace = replace(settings.pace, fade=settings.fade / len(targets))
+        pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
         stats.given = capture.count
 
@@ -206,7 +206,8 @@ class _Training:
         """Towards a photo, at a share of the way; its dB before."""
         settings = self._settings
         smaller = 4 if way < settings.quarter else 2 if way < settings.quarter + settings.half else 1
-        # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it
+        # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it,
+        # and would else fade
         target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
         return self._descent.step(target, way, weight=smaller * smaller, structure=settings.structure).psnr
 
