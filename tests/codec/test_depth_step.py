@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scenes import make_smooth_gaussians
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.codec.depth_step.contrast import LARGEST_OFFSET, block_offsets, contrast
+from tinysplat_runtime.codec.depth_step.contrast import contrast
 from tinysplat_runtime.codec.depth_step.probe import Probe
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -60,16 +60,6 @@ def test_damage_is_what_errors_do_to_the_picture_between_the_cameras(height, lay
     found = (probe.damage if kind == "depth" else probe.opacity_damage)(errors)
     assert found == pytest.approx(_difference(scene, errors, kind), rel=slack)
     assert (probe.damage if kind == "depth" else probe.opacity_damage)([0 * error for error in errors]) < 1e-12
-
-
-def test_blocks_are_coded_more_coarsely_the_less_they_show():
-    shown = np.full((2, 40, 50), 1.0, np.float32)
-    shown[0, :16, :16], shown[1, 32:, 48:] = 100.0, 0.0  # the last block has 8 rows and 2 columns
-    offsets = block_offsets(shown)
-    assert offsets.shape == (2, 3, 4) and np.abs(offsets).max() <= LARGEST_OFFSET
-    assert offsets[0, 0, 0] == offsets.min() < 0 < offsets[1, 2, 3] == offsets.max()
-    others = np.delete(offsets.ravel(), [0, 23])
-    assert (others == others[0]).all() and not block_offsets(np.zeros_like(shown)).any()
 
 
 def test_depth_is_coded_more_finely_where_gaussians_are_opaque():

@@ -14,7 +14,6 @@ from scenes import list_in_tiers, make_list, refusing
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.list.attributes import Columns, expanded, from_columns, to_columns
 from tinysplat_runtime.codec.list.octree import decode_points, encode_points
-from tinysplat_runtime.codec.list.visible import LEAST_OPACITY
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError, InputWarning
 from tinysplat_runtime.gaussian.curve import cells_of, morton_keys
@@ -158,15 +157,6 @@ def test_so_many_equal_gaussians_that_no_byte_pays_for_them_are_refused():
     many = cloud(2).taken(np.zeros(300_000, int))
     with refusing(InputError, "300000 256"):
         coded(many)
-
-
-def test_gaussians_that_nothing_shows_are_left_out():
-    gaussians = cloud(60)
-    opacities = np.where(np.arange(60) < 20, 0.99 * LEAST_OPACITY, LEAST_OPACITY * 1.01).astype(np.float32)
-    assert ts.decompress(coded(replace(gaussians, opacities=opacities))).count == 40
-    with pytest.raises(InputError) as caught:
-        coded(replace(gaussians, opacities=np.zeros(60, np.float32)))
-    assert caught.value.where == "opacities"
 
 
 def test_what_lies_too_far_out_is_left_out_of_its_tier_too():

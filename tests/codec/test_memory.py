@@ -23,20 +23,6 @@ def job_of(scene: Gaussians, profile: str, plane_coder: PlaneCoder | None = None
     return Job(scene, PROFILES[profile], 0, STORE, 1, EncodeStats(), plane_coder=plane_coder)
 
 
-def test_planes_are_made_once_and_what_lies_between_does_not_grow() -> None:
-    """44 bytes a pixel of geometry, 12 of colours, 4 of contrast; tall views, of which stripes are a small part."""
-    scene = make_smooth_gaussians(2, 2048, 128, degree=0)
-    # Coded before, as libx265's own memory, and what is set aside for it, is another matter.
-    plane = encode_plane(np.full((2048, 128), 2048, np.uint16), 20, PROFILES["balanced"].encoder)
-    tracemalloc.start()
-    try:
-        SceneEncoder(job_of(scene, "balanced", lambda *_: plane)).encode(0)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 85 * scene.opacities.size  # 72 here; 60 are the planes
-
-
 def test_of_a_capture_a_few_views_are_held() -> None:
     """Of their planes 60 bytes a pixel; what remains is a byte for each 16, and lists of pictures."""
     plane = encode_plane(np.full((512, 256), 2048, np.uint16), 20, PROFILES["balanced"].encoder)

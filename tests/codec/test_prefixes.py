@@ -39,16 +39,3 @@ def test_a_view_without_depth_is_hidden_and_the_other_is_not(data):
     assert all((layer.opacities == 0).all() for layer in decoded.extra_layers)
     with pytest.raises(FormatError, match=str(end)):
         ts.decompress(data, max_bytes=end - 1)
-
-
-def test_absent_opacity_is_the_mean_and_absent_depth_refinement_adds_nothing(gaussians):
-    data = ts.compress(gaussians, qp=-20)
-    prefixes = ts.inspect(data)["prefixes"]
-    # Where depth has two records, the first alone is within a few coarse steps of both.
-    names = [name for p in prefixes if p["layer"] == 0 for name in p["adds"]]
-    assert names.count("depth0") == 2
-    end = next(p["bytes"] for p in prefixes if "color0" in p["adds"])
-    decoded, whole = ts.decompress(data, max_bytes=end), ts.decompress(data)
-    assert np.ptp(decoded.opacities) == 0
-    assert decoded.opacities[0, 0, 0] == pytest.approx(gaussians.opacities.mean(), abs=0.05)
-    np.testing.assert_allclose(decoded.means, whole.means, atol=0.05)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tinysplat_runtime.codec.encoder import map_channel
 from tinysplat_runtime.codec.quantise import (
     MAX_MAPPED_QP,
     OUTLIER_RATIO,
@@ -15,7 +14,7 @@ from tinysplat_runtime.codec.quantise import (
     choose_code_map,
     without_outliers,
 )
-from tinysplat_runtime.gaussian.planes import MAX_CODE, Channel, PlaneClass, hevc_step
+from tinysplat_runtime.gaussian.planes import MAX_CODE, hevc_step
 
 STEPS_WITH_A_QP = st.floats(np.log10(0.0025), np.log10(0.039)).map(lambda exponent: 10**exponent)
 """Steps, as shares of the range, whose QP lies between 0 and the highest: what planes are coded at."""
@@ -66,11 +65,3 @@ def test_strays_are_cut_where_four_times_finer_codes_are_the_gain(count, strays,
         assert OUTLIER_RATIO * max(kept[1] - kept[0], reach) < high - low and inner < kept[1] - kept[0]
     else:
         assert high - low <= OUTLIER_RATIO * 2 * max(inner, reach)
-
-
-def test_what_a_window_leaves_out_is_counted_and_what_lies_on_its_ends_is_not():
-    values = np.float32([-0.5] * 3 + [0, 1, 0.2, 0.4, 0.6] + [1.25] * 2).reshape(1, 2, 5)
-    coded = map_channel(Channel(PlaneClass.OPACITY, 0, values, 1e-3, (0.0, 1.0)))
-    codes, clipped = coded.codes(0)
-    assert clipped == 5
-    np.testing.assert_allclose(coded.code_map.dequantise(codes), values[0].clip(0, 1), atol=2 * coded.code_map.scale)

@@ -105,10 +105,3 @@ def test_a_damaged_picture_leaves_out_its_tier_and_those_behind_it(data: bytes) 
     damaged = bytearray(data)
     damaged[-5] ^= 1
     assert ts.Runtime(threads=1).decompress(bytes(damaged), lost=lost).count == 800
-
-
-def test_gaussians_of_which_a_tier_would_be_empty_have_none() -> None:
-    made = cloud()
-    least = np.sort(made.opacities)[-240]  # those of the last tier do not show
-    data = list_in_tiers(replace(made, opacities=np.where(made.opacities < least, np.float32(1e-3), made.opacities)))
-    assert ts.decompress(data).count == 240 and ts.inspect(data)["tiers"] == [240]

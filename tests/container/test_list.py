@@ -15,7 +15,7 @@ from zlib import crc32
 import numpy as np
 import pytest
 from scenes import refusing
-from sections import changed_section, file_of, sections_of
+from sections import file_of, sections_of
 
 from tinysplat_runtime.container.cameras import rounded_cameras
 from tinysplat_runtime.container.list import (
@@ -212,13 +212,3 @@ def test_limits_are_the_most_that_is_accepted() -> None:
     ):
         with refusing(FormatError, words):
             read(data, **limits)
-
-
-def test_parts_by_view_and_several_views_are_of_no_list() -> None:
-    for at in (2, 4):
-
-        def change(text: bytearray, at: int = at) -> None:
-            text[at] = 3 - at // 2
-
-        with pytest.raises(FormatError):
-            read(changed_section(file(), b"PICT", change))

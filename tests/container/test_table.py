@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from zlib import crc32
 
 import numpy as np
@@ -53,14 +52,6 @@ def test_pictures_are_where_the_page_says_in_whatever_order(data, by_view):
     whole, again = ts.decompress(data), ts.decompress(found)
     for a, b in zip(whole.layers, again.layers, strict=True):
         assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in FIELDS)
-
-
-def test_only_planes_are_in_parts(gaussians):
-    few = ts.compress(replace(gaussians.layers[0], extra_layers=()), lossless=True)
-    with refusing(FormatError, "PICT[0] lossless"):
-        read_container(repacked(few, by_view=True))
-    with Decoder() as tsplat_js:
-        assert tsplat_js(repacked(few, by_view=True))[0]["section"] == "PICT[0]"
 
 
 @pytest.mark.parametrize("views", [[0], [6, 2], [5, 1, 3]])
@@ -115,11 +106,6 @@ def put(at: int, octets: bytes) -> Callable[[bytearray], None]:
         text[start : start + len(octets)] = octets
 
     return change
-
-
-def cut(text: bytearray) -> None:
-    """A byte less."""
-    del text[-1]
 
 
 HOSTILE = {

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from datasets.chunks import camera_row, encoded, make_chunk_scene, write_chunks
+from datasets.chunks import encoded, make_chunk_scene, write_chunks
 from PIL import Image
 from scenes import make_cameras, make_photo, refusing, tells
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
-from tinysplat.datasets.chunks import prepare_camera, prepare_image
+from tinysplat.datasets.chunks import prepare_image
 from tinysplat_runtime.errors import InputError
 
 RE10K = SPECS["re10k"]
@@ -50,15 +50,6 @@ def test_photos_are_scaled_with_pillows_lanczos_to_cover_and_cropped_at_a_corner
     np.testing.assert_allclose(prepare_image(pixels, size), expected, atol=1e-7)
 
 
-def test_focal_lengths_follow_scale_and_crop_while_the_principal_point_keeps_its_share():
-    camera = make_cameras(2, 360, 640)[1]
-    prepared = prepare_camera(np.array(camera_row(camera)), (256, 256), (360, 640))
-    assert prepared.K[0, 0] == pytest.approx(camera.K_unit[0, 0] * 455)  # 640·256/360 = 455.1, rounded
-    assert prepared.K[1, 1] == pytest.approx(camera.K_unit[1, 1] * 256)
-    assert prepared.K_unit[:2, 2] == pytest.approx(camera.K_unit[:2, 2])
-    np.testing.assert_allclose(prepared.c2w, camera.c2w, atol=1e-12)
-
-
 # ---- reading -----------------------------------------------------------------------------------------------------
 
 
@@ -75,13 +66,6 @@ def test_scenes_are_found_over_several_chunks(folder):
         assert images.shape == (2, 256, 256, 3) and images.dtype == np.float32
         np.testing.assert_array_equal(images[0], prepare_image(make_photo(360, 640, 10 * n + 2), (256, 256)))
         assert cameras[1].centre == pytest.approx(make_cameras(4, 360, 640)[0].centre, abs=1e-6)
-
-
-def test_dl3dv_frames_are_taken_at_both_stored_sizes(tmp_path):
-    for height, width in SPECS["dl3dv"].frame_shapes:
-        write_chunks(tmp_path, [[make_chunk_scene("a", 1, height, width)]])
-        images, cameras = ChunkFolder(tmp_path, SPECS["dl3dv"]).scene("a").views((0,), (256, 448))
-        assert images.shape == (1, 256, 448, 3) and (cameras[0].height, cameras[0].width) == (256, 448)
 
 
 def test_frames_that_do_not_exist_or_have_another_shape_are_named(folder, tmp_path):
@@ -148,13 +132,6 @@ def test_an_index_stays_inside_its_folder(tmp_path):
 
 
 # ---- the public indices ------------------------------------------------------------------------------------------
-
-
-def test_scenes_given_as_null_are_not_evaluated(tmp_path):
-    path = tmp_path / "index.json"
-    path.write_text(json.dumps({"a": None, "b": {"context": [58, 133], "target": [84, 102, 129]}}))
-    index = read_paper_index(path)
-    assert list(index) == ["b"] and index["b"].context == (58, 133) and index["b"].targets == (84, 102, 129)
 
 
 @pytest.mark.parametrize(

@@ -315,16 +315,6 @@ def test_one_runtime_encodes_decodes_and_renders_in_several_threads_at_once() ->
         np.testing.assert_array_equal(picture, alone[n % 4][1])
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(64, marks=pytest.mark.slow)])
-def test_decodes_in_several_processes_at_once_are_identical(inputs, tmp_path, count) -> None:
-    processes = [_start("decode", inputs["file"], "-o", tmp_path / f"{n}.npz", "-q") for n in range(count)]
-    for process in processes:
-        status, err = _finish(process)
-        assert status == 0, err
-    found = [ts.load_gaussians(tmp_path / f"{n}.npz") for n in range(count)]
-    assert all(_same(found[0], other) for other in found[1:])
-
-
 def test_several_processes_that_write_one_file_leave_one_whole_file(inputs, tmp_path) -> None:
     processes = [
         _start("compress", inputs["gaussians"], "-o", tmp_path / "f.tsplat", "-q", "--force") for _ in range(3)

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measure.tiny_runs import rows_of, tiny_run
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.formats.check import file_loss
-from tinysplat_runtime.formats.table import FORMATS
 
 
 def test_an_exact_file_loses_nothing(tmp_path: Path) -> None:
@@ -35,19 +33,3 @@ def test_the_loss_is_that_of_pictures_made_by_hand(tmp_path: Path, kept: bool) -
         mse = [np.mean((a - b) ** 2) for a, b in pairs]
         assert loss.psnr == pytest.approx(np.mean([-10 * np.log10(e) for e in mse]), abs=1e-3)
     assert loss.views and 0 < loss.psnr < 150
-
-
-def test_the_study_has_a_row_of_every_format_that_is_written(tmp_path: Path) -> None:
-    rows = rows_of("formats", tiny_run(tmp_path))
-    assert {row.way for row in rows} >= {form.name for form in FORMATS if form.write}
-    assert all(row.figures["bytes"] > 0 and row.figures["psnr_decoded_raw"] > 0 for row in rows)
-    decibels = {row.way: row.figures["psnr_decoded_raw"] for row in rows}
-    assert decibels["npz"] >= decibels["PLY (3DGS)"] > decibels["SPZ"]
-
-
-def test_a_sog_folder_counts_all_its_pictures(tmp_path: Path) -> None:
-    made = make_smooth_gaussians(2, 24, 32, degree=1)
-    (tmp_path / "s").mkdir()
-    ts.save_gaussians(tmp_path / "s" / "meta.json", made)
-    loss = file_loss(tmp_path / "s" / "meta.json", made)
-    assert loss.bytes == sum(part.stat().st_size for part in (tmp_path / "s").iterdir())

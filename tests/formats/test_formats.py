@@ -49,26 +49,6 @@ def test_layers_of_other_poses_keep_them(tmp_path: Path, suffix: str) -> None:
     assert_same(load_gaussians(tmp_path / f"g{suffix}"), both)
 
 
-@BOTH
-def test_other_arrays_are_ignored_and_other_widths_converted(tmp_path: Path, suffix: str) -> None:
-    made = make_gaussians(degree=2)
-    arrays = arrays_of(
-        made,
-        means=made.means.astype(np.float64),
-        sh=made.sh.astype(np.float16),
-        opacities=np.ones(made.opacities.shape, np.int32),
-        near=np.array(1.0),
-        depth=np.zeros((2, 8, 12)),
-        layer2_means=np.zeros(1),
-    )
-    loaded = load_gaussians(write(tmp_path / f"g{suffix}", arrays))
-    assert not loaded.origin.any() and loaded.extra_layers == ()
-    np.testing.assert_array_equal(loaded.means, made.means)
-    np.testing.assert_array_equal(loaded.sh, made.sh.astype(np.float16).astype(np.float32))
-    assert (loaded.opacities == 1).all()
-    assert all(getattr(loaded, name).dtype == np.float32 for name in FIELDS)
-
-
 def test_big_endian_and_fortran_arrays_load(tmp_path: Path) -> None:
     made = make_gaussians()
     arrays = arrays_of(made, means=np.asfortranarray(made.means.astype(">f8")), sh=made.sh.astype(">f4"))

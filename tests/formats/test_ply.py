@@ -57,18 +57,6 @@ def test_written_file_has_the_reference_layout(tmp_path: Path) -> None:
     np.testing.assert_allclose(vertex["rot_0"], normalize_quats(made.quats)[:, 0], atol=1e-7)
 
 
-def test_limits_of_opacity_and_scale_stay_finite(tmp_path: Path) -> None:
-    made = make_gaussians().flat()
-    fields = {name: getattr(made, name).copy() for name in FIELDS}
-    fields["opacities"][:3], fields["scales"][:2] = (0, 1, 1 - 2**-24), 0
-    save_gaussians(tmp_path / "g.ply", Gaussians(**fields))
-    vertex = plyfile.PlyData.read(str(tmp_path / "g.ply"))["vertex"].data
-    assert all(np.isfinite(vertex[name]).all() for name in NAMES if name in vertex.dtype.names)
-    loaded = load_gaussians(tmp_path / "g.ply")
-    np.testing.assert_allclose(loaded.opacities, fields["opacities"], atol=1e-7, rtol=1e-6)
-    np.testing.assert_allclose(loaded.scales, fields["scales"], atol=1e-37, rtol=1e-6)
-
-
 def test_origin_is_added_and_far_positions_are_double(tmp_path: Path) -> None:
     made = make_gaussians()
     fields = {name: getattr(made, name) for name in FIELDS}
@@ -96,17 +84,6 @@ def test_other_encodings_and_column_orders_load(tmp_path: Path, options: dict[st
     other = load_gaussians(write(tmp_path / "b.ply", reordered, **options))
     for name in FIELDS:
         np.testing.assert_allclose(getattr(other, name), getattr(plain, name), rtol=1e-6)
-
-
-def test_extreme_logits_and_logarithms(tmp_path: Path) -> None:
-    vertex = vertices(4, degree=0)
-    vertex["opacity"] = [-1e30, 1e30, -100, 100]
-    loaded = load_gaussians(write(tmp_path / "a.ply", vertex))
-    np.testing.assert_allclose(loaded.opacities, [0, 1, 3.72e-44, 1], rtol=1e-6, atol=1e-44)
-    vertex["scale_1"][2] = 1e30
-    assert tells(refusal(write(tmp_path / "b.ply", vertex), grid=(1, 2, 2)), "scales[0, 1, 0, 1]: inf")
-    vertex["x"][1] = np.nan
-    assert tells(refusal(write(tmp_path / "c.ply", vertex), grid=(1, 2, 2)), "means[0, 0, 1, 0]: nan")
 
 
 def test_other_layouts_are_refused_with_what_they_lack(tmp_path: Path) -> None:

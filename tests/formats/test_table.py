@@ -12,7 +12,6 @@ from scenes import make_list, refusing
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians, save_points
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.notes import Notes
 from tinysplat_runtime.gaussian.sh import C0
 
 
@@ -41,17 +40,6 @@ def test_point_clouds_are_means_and_colours(tmp_path: Path) -> None:
     assert vertex["x"].dtype == np.float64 and vertex["x"].tolist() == [4e6 + 0.1, 4e6 + 0.1 + 3]
     with refusing(InputError, "p.txt: '.txt', .ply"):
         save_points(tmp_path / "p.txt", g)
-
-
-def test_errors_of_writers_name_the_file_once(tmp_path: Path) -> None:
-    g = make_list(5, 0, np.random.default_rng(0))
-    for options, words in (({"sh_bits": (0, 4)}, "SH"), ({"spz_version": 9}, "SPZ")):
-        with refusing(InputError, words) as error:
-            save_gaussians(tmp_path / "a.spz", g, **options)
-        assert str(error.value).count("a.spz") <= 1
-    noted = g.with_notes(Notes("m", "us"))
-    said = " ".join(save_gaussians(tmp_path / "a.spz", noted))
-    assert all(word in said for word in (".spz", "unit", "attribution"))
 
 
 @pytest.mark.parametrize("ending", [".npz", ".safetensors", ".ply", ".spz", ".glb", ".sog"])

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_gaussians, refusing
+from scenes import make_gaussians
 from scipy.spatial.transform import Rotation
 
-from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.gaussian.difference import attribute_errors, layer_pairs
+from tinysplat_runtime.gaussian.difference import attribute_errors
 
 
 def test_errors_of_every_attribute_by_hand() -> None:
@@ -62,19 +61,3 @@ def test_turns_are_told_in_degrees_whatever_length_and_sign_quaternions_have(ang
     errors = attribute_errors(whole, replace(whole, quats=signs * turned))["quats"]
     assert errors["max"] == pytest.approx(np.degrees(angle), rel=1e-4, abs=2e-5)
     assert errors["rmse"] == pytest.approx(np.degrees(angle), rel=1e-4, abs=2e-5)
-
-
-def test_coefficients_that_were_left_out_count_as_zeros() -> None:
-    whole = make_gaussians(1, 3, 4, degree=2).flat()
-    errors = attribute_errors(whole, replace(whole, sh=whole.sh[:, :4]))["sh"]
-    assert errors["max"] == pytest.approx(float(np.abs(whole.sh[:, 4:]).max()))
-    assert errors["rmse"] == pytest.approx(float(np.sqrt(np.square(whole.sh[:, 4:].astype(float)).sum() / (12 * 27))))
-
-
-def test_other_shapes_are_refused_and_layers_paired() -> None:
-    whole = make_gaussians(1, 4, 6, layers=2)
-    assert [
-        (a is x, b is y) for (a, b), x, y in zip(layer_pairs(whole, whole), whole.layers, whole.layers, strict=True)
-    ] == [(True, True)] * 2
-    with refusing(InputError, "[(1, 4, 6), (1, 2, 3)]"):
-        attribute_errors(whole, replace(whole, extra_layers=()))

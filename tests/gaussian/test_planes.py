@@ -6,14 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tinysplat_runtime.gaussian.planes import (
-    MAX_QP_BLOCKS,
-    PLANE_CLASSES,
-    QP_BLOCK,
-    hevc_step,
-    padded_size,
-    qp_block_side,
-)
+from tinysplat_runtime.gaussian.planes import PLANE_CLASSES, hevc_step, padded_size
 
 SIDE = st.integers(1, 70) | st.integers(1, 5000)
 
@@ -22,13 +15,6 @@ SIDE = st.integers(1, 70) | st.integers(1, 5000)
 def test_planes_are_coded_at_the_next_multiple_of_8_from_16_on(height: int, width: int) -> None:
     for side, padded in zip((height, width), padded_size(height, width), strict=True):
         assert padded % 8 == 0 and max(16, side) <= padded < max(17, side + 8)
-
-
-@given(SIDE, SIDE)
-def test_planes_have_few_blocks_with_a_qp_and_these_are_whole_trees(height: int, width: int) -> None:
-    side = qp_block_side(height, width)
-    assert -(-height // side) * -(-width // side) <= MAX_QP_BLOCKS
-    assert side % QP_BLOCK == 0 and (side // QP_BLOCK).bit_count() == 1
 
 
 def test_a_step_is_one_code_of_8_bits_at_qp_4_and_doubles_every_six() -> None:

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scenes import make_cameras
 
-from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.thin import thinned
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.system.threads import Crew
 
 VIEWS, HEIGHT, WIDTH, DEPTH = 8, 24, 32, 4.0
 
@@ -66,15 +65,6 @@ def test_what_stands_before_what_other_views_see_goes():
     assert (z > 0.9 * DEPTH).all()
 
 
-def test_as_many_views_show_a_place_as_may_and_a_lone_one_always():
-    cameras = row()
-    apart = Camera(cameras[0].K, [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]], WIDTH, HEIGHT)
-    whole = wall([*cameras[:-1], apart])
-    for shown in (1, 2, 3):
-        views = views_of(thinned(whole, shown=shown))
-        assert (np.bincount(views)[[*range(shown), -1]] == HEIGHT * WIDTH).all()
-
-
 def test_further_layers_stay_only_where_no_surface_is():
     behind = wall(row(), 0.8 * DEPTH)
     beyond = wall(row(), 2 * DEPTH)
@@ -83,10 +73,3 @@ def test_further_layers_stay_only_where_no_surface_is():
         more = thin.count - thinned(wall(row())).count
         assert (more > 0) == stays
         assert (thin.opacities[thin.count - more :] < 0.5 * 0.5).all()  # faint, for what they may stand before
-
-
-def test_threads_change_nothing():
-    whole = wall(row(), DEPTH * np.random.default_rng(0).uniform(0.95, 1.05, (VIEWS, HEIGHT, WIDTH)))
-    one, many = thinned(whole), thinned(whole, Crew(3).map)
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(many, name))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from networks.two_planes import FAR, NEAR, TracedScene, trace
 from numpy.typing import NDArray
-from scenes import Heard, refusing
+from scenes import refusing
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -41,22 +41,6 @@ def check_depths(gaussians: Gaussians, scene: TracedScene, order: Sequence[int])
     for place, v in enumerate(order):
         error = np.abs(depths(gaussians, gaussians.cameras[place], place) / scene.depth[v] - 1)
         assert np.median(error) < 0.02, v
-
-
-def test_each_photo_is_read_once_and_counted_once(scene: TracedScene) -> None:
-    asked: list[int] = []
-
-    def read(view: int) -> NDArray:
-        asked.append(view)
-        return scene.images[view]
-
-    heard = Heard()
-    found = predict_each(read, scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras), heard)
-    assert sorted(asked) == list(range(VIEWS)) and heard.passed == {"depth": VIEWS, "photos": VIEWS}
-    assert found.cameras == scene.cameras and found.opacities.shape == (VIEWS, 50, 70)
-    assert all(layer.opacities.shape[0] == VIEWS for layer in found.layers)
-    check_depths(found, scene, range(VIEWS))
-    Gaussians(**vars(found))  # which checks
 
 
 def test_photos_may_come_in_any_order(scene: TracedScene) -> None:

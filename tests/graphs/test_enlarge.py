@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from networks.two_planes import FAR, NEAR, SQUARE_Z, WALL_Z, TracedScene, trace
-from scenes import psnr
 
 from tinysplat_runtime.errors import ModelError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -15,10 +14,7 @@ from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.enlarge import Enlarger, predict_large
 from tinysplat_runtime.graphs.inference import Graph, GraphStore
-from tinysplat_runtime.graphs.predict import predict
-from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.resampling import scaled
 
 STORE = GraphStore()
 OPACITY, FOOTPRINT = 0.6, 0.45
@@ -119,15 +115,6 @@ def test_tiles_have_no_seams(scene: TracedScene) -> None:
         # Of two Gaussians at one depth rounding decides which hides the other, and with it how much is sharpened.
         assert error.max() <= (1e-4 if name != "sh" else 8e-4), name
         assert np.quantile(error, 0.995) <= 1e-4, name
-
-
-def test_pictures_are_those_of_the_large_photos(scene: TracedScene) -> None:
-    """Far more than those of the small photos, on which the network ran, are."""
-    small = [scaled(photo, 48, 60) for photo in scene.images]
-    alone = predict(np.stack(small), [c.resized(48, 60) for c in scene.cameras], NEAR, FAR, exact_graph(scene)[0])
-    found = (Renderer(one, threads=1, compiled=False).render(scene.cameras[1]) for one in (enlarged(scene), alone))
-    large, coarse = (psnr(picture.clip(0, 1), scene.images[1]) for picture in found)
-    assert large > coarse + 3
 
 
 def test_refusals(scene: TracedScene) -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scenes import make_gaussians, refusing
 
 from tinysplat_runtime.errors import InputError
@@ -72,13 +71,6 @@ def test_groups_far_away_get_one_origin() -> None:
     joined = predict_groups(scene.cameras, NEAR, GROUPS, run)
     found = joined.means[:, 0, 0, 0] + joined.origin[0]
     np.testing.assert_allclose(found, [camera.centre[0] for camera in scene.cameras], rtol=0, atol=1e-5)
-
-
-@pytest.mark.parametrize("limits", [NetworkLimits(), NetworkLimits(2, 2), NetworkLimits(3, 3), NetworkLimits(5, 6)])
-def test_more_are_groups_of_what_it_takes(limits: NetworkLimits) -> None:
-    groups = capture_groups(scene_of(9).cameras, NEAR, FAR, limits)
-    assert sorted(v for group in groups for v in group.kept) == list(range(9))
-    assert all(limits.min_views <= len(group.views) <= limits.max_views for group in groups)
 
 
 def test_a_photo_without_partners_is_named() -> None:

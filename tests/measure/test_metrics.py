@@ -11,7 +11,7 @@ from scenes import make_photo, refusing
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
-from tinysplat.measure.lpips import Lpips, LpipsFiles, find_lpips
+from tinysplat.measure.lpips import Lpips, LpipsFiles
 from tinysplat.measure.metrics import METRICS, flip, psnr, sharpness, ssim
 from tinysplat_runtime.errors import InputError
 
@@ -151,11 +151,6 @@ def test_lpips_reads_files_and_names_what_does_not_fit(tmp_path):
     files.backbone.write_bytes(b"not weights")
     with refusing(InputError, "backbone.pth"):
         Lpips(files)
-
-
-def test_a_weights_file_that_was_named_must_exist(tmp_path):
-    with refusing(InputError, "missing.pth"):
-        find_lpips(backbone=tmp_path / "missing.pth")
 
 
 def test_pixels_whose_reference_is_nan_do_not_count() -> None:

@@ -5,15 +5,12 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scenes import refusing
 
-import tinysplat.measure
-import tinysplat_runtime
-from tinysplat.measure.rows import Row, RowFile, code_files, fingerprint, read_rows
+from tinysplat.measure.rows import Row, RowFile, fingerprint, read_rows
 from tinysplat_runtime.errors import InputError
 
 
@@ -29,18 +26,6 @@ def test_a_changed_byte_of_any_file_gives_another_stamp(tmp_path):
         path.write_bytes(b"x = 1\n")
     assert fingerprint(files, ["numpy 3"]) != first
     assert fingerprint([files[0].rename(tmp_path / "d.py"), *files[1:]], ["numpy 2"]) != first
-
-
-def test_the_stamp_covers_all_code_but_what_shows():
-    covered = set(code_files())
-    runtime, measure = (Path(str(m.__file__)).parent for m in (tinysplat_runtime, tinysplat.measure))
-    shows = {*(measure / "show").rglob("*.py"), measure / "pages.py"}
-    assert {
-        *runtime.rglob("*.py"),
-        *measure.rglob("*.py"),
-        *(measure.parent / "datasets").glob("*.py"),
-    } - shows <= covered
-    assert shows and not shows & covered
 
 
 def test_rows_are_json_without_what_is_empty_and_come_back():

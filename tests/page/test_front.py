@@ -24,10 +24,6 @@ def test_the_middle_of_a_row_is_in_front() -> None:
     assert front_view(cameras[:1]) == front_view([]) == 0
 
 
-def test_a_wider_lens_is_in_front() -> None:
-    assert front_view([camera_at(0.0), camera_at(0.1, focal=30.0), camera_at(0.2)]) == 1
-
-
 START = 'import { frontView, sideOf } from "./front.js"; import { viewOf } from "./scene.js";'
 
 

@@ -58,12 +58,6 @@ def test_a_depth_range_that_is_too_wide_is_forgiven(near: float, far: float) -> 
     assert_planes_told_apart(run(scene.images, scene.cameras, near * NEAR, far * FAR), scene)
 
 
-def test_grey_pictures_are_enough() -> None:
-    scene = trace(2, 96, 128)
-    grey = np.repeat(scene.images.mean(axis=-1, keepdims=True), 3, axis=-1)
-    assert_planes_told_apart(run(grey, scene.cameras), scene)
-
-
 def test_a_difference_of_exposure_is_survived() -> None:
     scene = trace(2, 96, 128)
     images = scene.images * np.float32([0.7, 1.0])[:, None, None, None]

@@ -41,12 +41,6 @@ def test_movement_adds_up_at_any_pace(pace: float) -> None:
     assert moved[-1] * WIDTH == pytest.approx(120, abs=12)
 
 
-def test_a_camera_at_rest_moves_nowhere() -> None:
-    rng = np.random.default_rng(0)
-    noisy = [np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8) for view in views([5] * 30)]
-    assert measured(noisy)[0][-1] == 0
-
-
 def test_blurred_frames_are_passed_over(tmp_path: Path) -> None:
     places = [2.0 * i for i in range(60)]
     pictures = [blurred(view) if i % 3 else view for i, view in enumerate(views(places))]

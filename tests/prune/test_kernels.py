@@ -58,19 +58,3 @@ def test_a_lack_of_colour_is_the_gradient_of_the_error(cloud):
         assert sums[row, kernels.LACK + channel] == pytest.approx(-(errors[1] - errors[0]) / (4 * step), rel=2e-3)
     opacity = drawn(dim, camera)[..., 3] / kernels.OPACITY_COLOUR
     assert sums[:, kernels.BOUND].sum() == pytest.approx(np.square(opacity).sum(), rel=1e-4)
-
-
-def test_colours_are_fitted_as_least_squares_has_them():
-    rng = np.random.default_rng(2)
-    basis, weights = rng.normal(size=(5, 9, 4)), rng.uniform(0.1, 2, (5, 9))
-    lacks, sh = rng.normal(size=(5, 9, 3)), rng.normal(size=(5, 4, 3)).astype(np.float32)
-    penalties, hold = np.array([0, 0.7, 0.7, 0.7]), 0.4
-    found = sh.copy()
-    kernels.solve_colours(basis, weights, lacks, penalties, hold, 0.5, found)
-    for row in range(5):
-        held = hold / (4 * np.pi) * weights[row].sum()
-        # the same as one least-squares problem: views, then what holds coefficients, then what draws them to zero
-        design = [np.sqrt(weights[row])[:, None] * basis[row], np.sqrt(held) * np.eye(4), np.diag(np.sqrt(penalties))]
-        aims = [lacks[row] / np.sqrt(weights[row])[:, None], np.zeros((4, 3)), -np.sqrt(penalties)[:, None] * sh[row]]
-        step = np.linalg.lstsq(np.concatenate(design), np.concatenate(aims), rcond=None)[0]
-        np.testing.assert_allclose(found[row], sh[row] + 0.5 * step, atol=1e-5)

@@ -60,16 +60,3 @@ def test_what_goes_becomes_part_of_what_is_likest(pairs: Gaussians) -> None:
     assert all((getattr(found, name)[:40] == getattr(pairs, name)[:40]).all() for name in FIELDS)
     assert (found.opacities[40:] >= pairs.opacities[40:]).all()
     np.testing.assert_allclose(found.sh[40:, 0], pairs.sh[40:, 0] + 0.025, atol=1e-5)
-
-
-@pytest.mark.parametrize("change", ["far", "thin", "bright"])
-def test_what_is_unlike_stays_as_it_is(pairs: Gaussians, change: str) -> None:
-    is_gone = (np.arange(80) >= 40)[:, None]
-    other = {
-        "far": {"means": pairs.means + 5 * is_gone},
-        "thin": {"scales": np.where(is_gone & (np.arange(3) == 0), 0.002, 1) * pairs.scales},
-        "bright": {"sh": pairs.sh + 4.0 * is_gone[..., None] * (np.arange(4) == 0)[:, None]},
-    }[change]
-    apart = replace(pairs, **other)
-    found = merged(apart, np.arange(40), np.arange(40, 80))
-    assert all((getattr(found, name) == getattr(apart, name)[:40]).all() for name in FIELDS)

@@ -164,13 +164,6 @@ def test_cameras_that_do_not_show_a_place_leave_nothing_out(place, strange):
     assert found.count == place.count and not found.viewpoints
 
 
-def test_of_ten_thousand_cameras_a_spread_is_taken(place):
-    many = [camera for _ in range(833) for camera in cameras_within(12)] + cameras_within(4, start=0.1)
-    found = ts.decompress(ts.compress(place, cameras=many))
-    directions = {tuple(camera.rotation[2].round(1) + 0.0) for camera in found.viewpoints}
-    assert len(found.viewpoints) <= 64 and len(directions) >= 12
-
-
 def test_a_list_in_the_folders_of_3dgs_finds_its_cameras(place, tmp_path: Path):
     folder = tmp_path / "model" / "point_cloud" / "iteration_30000"
     folder.mkdir(parents=True)

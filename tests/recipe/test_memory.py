@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import Heard, make_gaussians, make_smooth_gaussians, refusing, tells
+from scenes import Heard, make_gaussians, refusing, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.ways import OneByOne
 from tinysplat_runtime.recipe.memory import check_memory
-from tinysplat_runtime.recipe.own import looked_at, near_of, own_psnr
+from tinysplat_runtime.recipe.own import looked_at, own_psnr
 from tinysplat_runtime.recipe.refinement import chosen
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import Refinement
@@ -80,11 +80,6 @@ def test_no_size_is_told_where_none_would_do(free_memory: Says) -> None:
     assert "--size" not in str(caught.value)
 
 
-def test_a_system_that_tells_no_free_memory_refuses_nothing(free_memory: Says) -> None:
-    free_memory(None)
-    check_memory(capture(6, 5000, 5000))
-
-
 def test_a_capture_is_held_against_some_of_its_photos() -> None:
     views = looked_at(100)
     assert len(views) < 100 and np.diff([-1, *views, 100]).max() <= 2 * 100 / len(views)
@@ -93,21 +88,6 @@ def test_a_capture_is_held_against_some_of_its_photos() -> None:
     seen = [gaussians.cameras[v] for v in (1, 5)]
     assert own_psnr(lambda _: gaussians, seen, pictures, None) > 90
     assert own_psnr(lambda _: gaussians, seen[::-1], pictures, None) < 60
-
-
-def test_a_band_across_large_photos_is_drawn_with_all_that_shows_in_it() -> None:
-    """Gaussians lie in ten times as many rows, a few pixels wide."""
-    gaussians = make_smooth_gaussians(7, 320, 24)
-    cameras = []
-    for own in gaussians.cameras:
-        K = own.K * [[0.1], [0.1], [1]]
-        K[0, 2] += 100
-        cameras.append(ts.Camera(K, own.c2w, 1 << 16, 32))
-    photos = np.zeros((1, 32, 1 << 16, 3), np.float32)
-    photos[0] = ts.render(gaussians, cameras[3])
-    assert own_psnr(lambda _: gaussians, cameras[3:4], photos, None) > 90
-    photos += 0.1
-    assert own_psnr(lambda _: gaussians, cameras[3:4], photos, None) == pytest.approx(20, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +99,7 @@ def test_captures_are_refined_unless_somebody_says_otherwise(asked, wanted, free
     free_memory(int(60e9))
     for count in (2, 40):
         heard = Heard()
-        found = chosen(EncodeRequest(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, heard)
+        _, found = chosen(EncodeRequest(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, heard)
         assert found == (wanted if asked or count > 6 else None)
         assert any("--no-refine" in line for line in heard.lines) == (not asked and count > 6)
 
@@ -132,21 +112,12 @@ def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
     request = EncodeRequest(scene)
     plain, refined = (needed(scene, free_memory, way=WAY, refined=refined) for refined in (False, True))
     free_memory(int((plain + refined) / 2 * 1e9))
-    assert chosen(request, scene, WAY, heard) is None
+    assert chosen(request, scene, WAY, heard)[1] is None
     assert any(tells(line, "capture: 40 640x480 GB") for line in heard.lines)
     with refusing(ts.InputError, "GB"):
         chosen(EncodeRequest(scene, refine=True), scene, WAY, heard)
     monkeypatch.setitem(sys.modules, "numba", None)
-    assert chosen(request, scene, WAY, heard) is None and 'pip install "tinysplat[fast]"' in heard.lines[-1]
+    assert chosen(request, scene, WAY, heard)[1] is None and 'pip install "tinysplat[fast]"' in heard.lines[-1]
     free_memory(int(plain / 2 * 1e9))
     with refusing(ts.InputError, "GB"):
         chosen(request, scene, WAY, heard)
-
-
-def test_a_look_at_a_capture_decodes_the_views_about_a_camera() -> None:
-    runtime, gaussians = ts.Runtime(), make_smooth_gaussians(12)
-    data = runtime.compress(gaussians)
-    for view in (0, 11):
-        found = near_of(data, 12, runtime, "edge")(gaussians.cameras[view])
-        assert gaussians.cameras[view].c2w.tolist() in [camera.c2w.tolist() for camera in found.cameras]
-        assert len(found.cameras) < 12

@@ -150,13 +150,6 @@ def photos_of(count: int, height: int, width: int, **depths: float) -> Scene:
     return Scene(Path("made"), tuple(frames), depths.get("near"), depths.get("far"))
 
 
-@pytest.mark.parametrize("taken", [2, 6])
-def test_nothing_is_said_of_two_to_six_photos_as_they_are(taken: int) -> None:
-    heard = Heard()
-    scene = photos_of(taken, 480, 640, near=1.0, far=2.0)
-    assert prepared(EncodeRequest(scene), heard).frames == scene.frames and heard.lines == []
-
-
 @pytest.mark.parametrize("size", [None, "full"])
 def test_large_photos_are_scaled_to_the_size_that_is_said_unless_asked_otherwise(size: str | None) -> None:
     heard = Heard()

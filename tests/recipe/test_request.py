@@ -13,7 +13,7 @@ from scenes import make_smooth_gaussians, tells
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.recipe import request, words
+from tinysplat_runtime.recipe import request
 from tinysplat_runtime.recipe.options import Options
 from tinysplat_runtime.recipe.request import CompressRequest, EncodeRequest, ExportRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement
@@ -100,12 +100,6 @@ def test_options_in_words_and_as_values_are_the_same_request() -> None:
 def test_none_stands_for_the_default_of_any_option() -> None:
     for kind, what in ((EncodeRequest, ("d",)), (ExportRequest, ())):
         assert kind(*what, **dict.fromkeys(kind.options())) == kind(*what)
-
-
-def test_refinement_may_be_taken_back_in_words_and_as_a_value() -> None:
-    assert EncodeRequest("d", refine="no") == EncodeRequest("d", refine=False) != EncodeRequest("d")
-    assert EncodeRequest("d", refine=True) == EncodeRequest("d", refine="auto")
-    assert not words.refinement("no") and words.refinement(str(words.refinement("no"))) == words.refinement("no")
 
 
 def test_numbers_of_numpy_and_paths_are_taken() -> None:

@@ -53,13 +53,6 @@ def test_centres_and_intrinsics_move_straight_and_rotations_turn_evenly():
     np.testing.assert_allclose(turns, angle_between(path[0], path[-1]) / 8, atol=1e-7)
 
 
-@pytest.mark.parametrize("angles", [(3.0, 2 * math.pi - 3.0), (4.54, 4.89), (4.2, 4.6, 5.0)])
-def test_rotations_take_the_shorter_way_whatever_signs_quaternions_have(angles):
-    path = between([camera(about_y(angle)) for angle in angles], 2 * len(angles) - 1)
-    for (a, b), middle in zip(pairwise(angles), path[1::2], strict=True):
-        np.testing.assert_allclose(middle.rotation, camera(about_y((a + b) / 2)).rotation, atol=0.01)
-
-
 def test_an_orbit_looks_at_one_point_from_an_ellipse_around_the_mean_camera():
     pair = [camera(about_y(0.1), (-0.5, 0, 0)), camera(about_y(-0.1), (0.5, 0, 0))]
     path = orbit(pair, 12, depth=5.0)

@@ -16,13 +16,6 @@ from tinysplat_runtime.render import DEFINITION, Renderer, render
 SCENE, (CAMERA,) = make_gaussians(2, 8, 12), make_cameras(1, 8, 12)
 
 
-def test_numbers_may_be_numpy_s() -> None:
-    drawn = Renderer(SCENE, np.int64(1), compiled=False)
-    assert isinstance(drawn.render(CAMERA, outputs="rgb"), np.ndarray)
-    assert drawn.render(CAMERA, [np.int32(5), 7]).shape == (5, 7, 3)
-    assert drawn.render(CAMERA, near_plane=0).shape == (8, 12, 3)
-
-
 def test_ways_to_draw_are_chosen_by_name() -> None:
     usual = render(SCENE, CAMERA, threads=1)
     np.testing.assert_array_equal(usual, render(SCENE, CAMERA, dilation="own", order="near"))

@@ -177,21 +177,6 @@ def test_a_video_that_is_cut_short_has_the_frames_that_are_left(clip: Path, tmp_
         video.frame(COUNT - 1)
 
 
-def test_chosen_frames_come_in_one_pass_and_all_of_them_as_small_grey_ones(clip: Path) -> None:
-    video = open_video(clip)
-    found = list(video.frames([30, 2, 7]))
-    assert [index for index, _ in found] == [2, 7, 30]
-    assert [number_of(image / 255) for _, image in found] == [2, 7, 30]
-    assert all(image.shape == (HEIGHT, WIDTH, 3) and image.dtype == np.uint8 for _, image in found)
-    for width in (24, 48, 100, 1, 5):
-        small = list(video.thumbnails(width))
-        assert [index for index, _ in small] == list(range(COUNT))
-        ((height, found_width),) = {luma.shape for _, luma in small}
-        assert found_width == min(width, WIDTH) and abs(height - found_width * HEIGHT / WIDTH) < 1
-        means = np.array([luma.mean() for _, luma in small])
-        assert (np.diff(means) > 0).all()
-
-
 def patches() -> NDArray:
     """(8, 8, 3) sRGB of greys up to white, and of colours by chance."""
     colours = np.random.default_rng(0).integers(60, 236, (8, 8, 3))

@@ -12,7 +12,6 @@ import numpy as np
 import plyfile
 import pycolmap
 import pytest
-from PIL import Image
 from scenes import (
     colmap_texts,
     make_cameras,
@@ -243,17 +242,6 @@ def test_of_colmap_models_the_largest_is_read(folder: Path, small: str | None, l
         assert_cameras(load_scene(folder), CAMERAS)
 
 
-def test_photos_nearest_to_a_colmap_model_are_its_own(folder: Path) -> None:
-    """Beside those that were undistorted lie those that were taken."""
-    write_text_model(folder / "dense/0/sparse")
-    shutil.copytree(folder / "images", folder / "dense/0/images")
-    (folder / "dense/0/images/0001.png").unlink()
-    with pytest.warns(InputWarning, match="1 of 3"):
-        scene = load_scene(folder)
-    assert {frame.path.parent for frame in scene.frames} == {folder / "dense/0/images"}
-    assert_cameras(scene, [CAMERAS[0], CAMERAS[2]])
-
-
 @pytest.mark.parametrize("name", ["my shot, (1).png", "sub folder/Gelände 场景.png", "#1.png", "a\\b c.png"])
 @pytest.mark.parametrize("is_binary", [False, True])
 def test_colmap_photos_may_have_any_name(folder: Path, name: str, is_binary: bool) -> None:
@@ -438,12 +426,6 @@ def test_a_stereo_pair_becomes_two_parallel_cameras(folder: Path) -> None:
     assert scene.images().shape == (2, HEIGHT, WIDTH, 3)
 
 
-def test_stereo_photos_of_two_sizes_are_refused(folder: Path) -> None:
-    write_png(folder / "other.png", make_photo(10, 10))
-    with refusing(InputError, "32x24 10x10"):
-        stereo_scene(folder / "images/0000.png", folder / "other.png", 40.0, 0.1)
-
-
 def test_a_folder_of_nothing_known_says_what_is_accepted(tmp_path: Path) -> None:
     assert tells(refusal(tmp_path), "cameras.json transforms.json COLMAP")
 
@@ -542,17 +524,6 @@ def test_photos_that_are_not_there_are_left_out_and_counted(folder: Path) -> Non
     for photo in (folder / "images").iterdir():
         photo.unlink()
     assert len(load_scene(folder).frames) == 3  # as beside a video
-
-
-def test_photos_are_taken_as_stored_where_their_cameras_are_of_that_size(folder: Path) -> None:
-    stored = make_photo(HEIGHT, WIDTH, seed=1)
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    Image.fromarray(stored).save(folder / "images/0001.png", exif=exif)
-    scene = load_scene(write_transforms(folder, transforms()))
-    with pytest.warns(InputWarning) as told:
-        np.testing.assert_array_equal(scene.images()[1], stored / np.float32(255))
-    assert tells(str(told[0].message), "0001.png 32x24")
 
 
 def test_undistorted_photos_of_two_lenses_have_one_size(folder: Path) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import refusing
 
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.lenses import Lens, opencv_lens
 
 NAMES = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
@@ -45,12 +43,6 @@ def test_a_lens_bends_rays_as_opencvs_polynomial_does(distortion: dict[str, floa
     assert lens.is_pinhole == (not any(values) and not fisheye)
 
 
-@pytest.mark.parametrize("name", ["p1", "p2", "k5", "k6"])
-def test_terms_that_a_fisheye_has_not_are_refused(name: str) -> None:
-    with refusing(InputError, f"{name} 0.1"):
-        opencv_lens(F, C, [0.1 * (name == other) for other in NAMES], SIZE, fisheye=True)
-
-
 @pytest.mark.parametrize(
     "model", ["SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE", "RADIAL_FISHEYE", "FOV"]
 )
@@ -65,24 +57,3 @@ def test_a_lens_of_a_smaller_copy_has_the_same_rays(model: str) -> None:
         camera = pycolmap.Camera(model=model, width=one.width, height=one.height, params=one.params)
         places.append(camera.img_from_cam(rays))
     np.testing.assert_allclose(places[1], places[0] / 2, atol=1e-9)
-
-
-def test_pinholes_have_their_own_intrinsics_and_photos_as_they_are() -> None:
-    photo = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
-    for lens, K in (
-        (Lens("PINHOLE", (*F, *C), 64, 48), [[70, 0, 31], [0, 60, 25], [0, 0, 1]]),
-        (Lens("SIMPLE_PINHOLE", (70.0, *C), 64, 48), [[70, 0, 31], [0, 70, 25], [0, 0, 1]]),
-    ):
-        camera = lens.camera(np.eye(4))
-        np.testing.assert_array_equal(camera.K, K)
-        assert (camera.width, camera.height) == (64, 48) and np.array_equal(lens.undistort(photo), photo)
-
-
-def test_undistorted_photos_have_the_size_of_their_camera() -> None:
-    pytest.importorskip("pycolmap")
-    lens = Lens("SIMPLE_RADIAL", (70.0, 32.0, 24.0, 0.3), 64, 48)
-    camera = lens.camera(np.eye(4))
-    photo = lens.undistort(np.full((48, 64, 3), 90, np.uint8))
-    assert photo.shape == (camera.height, camera.width, 3) != (48, 64, 3)
-    assert photo.flags.c_contiguous and (photo[2:-2, 2:-2] == 90).all()
-    np.testing.assert_allclose(camera.K[:2, 2], [camera.width / 2, camera.height / 2], atol=1.5)

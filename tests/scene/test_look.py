@@ -19,7 +19,7 @@ from tinysplat_runtime.recipe.doubts import doubts
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.lenses import opencv_lens
-from tinysplat_runtime.scene.look import range_guessed, range_seen
+from tinysplat_runtime.scene.look import range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
 
 DEPTHS = (2.0, 5.0)
@@ -292,17 +292,3 @@ def test_where_photos_agree_about_no_depth_the_cause_is_named(tmp_path: Path) ->
     scene = dataclasses.replace(walls(tmp_path, CONVERGING, {1: np.zeros_like}), near=None, far=None)
     with pytest.raises(ts.InputError, match=r"no depth.*photo 2 \(1.png\) is of one colour"):
         prepared(EncodeRequest(scene))
-
-
-@pytest.mark.parametrize("unit", [1, 50])
-def test_a_range_is_guessed_about_what_all_look_at_or_ahead_of_them(unit: float) -> None:
-    def at(angle: float) -> ts.Camera:
-        c2w = camera(0, angle).c2w.copy()
-        c2w[:3, 3] = -4 * unit * c2w[:3, 2]
-        return dataclasses.replace(camera(0), c2w=c2w)
-
-    near, far = range_guessed([at(angle) for angle in (0, 1, 2)])
-    assert 0 < near < 4 * unit < far
-    ahead, twice = ([camera(0), camera(0.2 * n * unit)] for n in (1, 2))
-    assert np.allclose(2 * np.array(range_guessed(ahead)), range_guessed(twice))
-    assert 0 < range_guessed(ahead)[0] < range_guessed(ahead)[1]

@@ -4,19 +4,14 @@ photo a view was taken as.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scenes import camera_at
 
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.matching import taken_as
 from tinysplat_runtime.scene.neighbours import Neighbours, grouped, view_places
-from tinysplat_runtime.scene.scenes import Frame, Scene
 
 NEAR, FAR = 2.0, 6.0
-DEPTH = 3.0  # their harmonic mean
 
 
 def found(cameras: list[Camera]) -> Neighbours:
@@ -69,28 +64,3 @@ def test_places_that_show_nothing_of_each_other_share_no_group() -> None:
     assert neighbours.parts() == [[0, 1, 2, 3, 4], [5, 6, 7], [8]]
     for group in grouped(neighbours):
         assert set(group.views) <= {0, 1, 2, 3, 4} or set(group.views) <= {5, 6, 7}
-
-
-def test_photos_from_one_place_are_no_partners() -> None:
-    twins = [camera_at(x, turn=turn) for x in (0.0, 0.3, 0.6, 0.9) for turn in (0.0, 0.01)]
-    neighbours = found([*twins, camera_at(0.3 + 1e-5)])
-    for group in grouped(neighbours):
-        apart = neighbours.places[list(group.views), :3]
-        distance = np.linalg.norm(apart[:, None] - apart, axis=-1)[np.triu_indices(len(apart), 1)]
-        assert distance.min() > 0.1 / DEPTH
-    only_turned = found([camera_at(0.0, turn=0.05 * i) for i in range(8)])
-    assert not any(only_turned.partners) and grouped(only_turned) == []
-
-
-def scene_of(*cameras: Camera) -> Scene:
-    return Scene(Path("desk"), tuple(Frame(camera, Path(f"{n}.png")) for n, camera in enumerate(cameras)))
-
-
-def test_a_view_is_the_nearest_photo_that_stands_at_its_place_and_is_turned_alike() -> None:
-    """Of a reach of 10."""
-    photos = scene_of(camera_at(5), camera_at(0.002, turn=1e-4), camera_at(0.0, turn=0.01), camera_at(0, -0.001))
-    assert taken_as(camera_at(0), photos, 10) == (3, 2, 0.0)
-    assert taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.002, turn=1e-4)), 10)[0] == 1
-    assert taken_as(camera_at(0), scene_of(camera_at(5), camera_at(0.1)), 10) == (None, 1, pytest.approx(0.1))
-    assert taken_as(camera_at(0), scene_of(camera_at(0, turn=-0.01), camera_at(1)), 10) == (None, 0, 0.0)
-    assert taken_as(camera_at(5), photos, 0)[0] == 0

@@ -80,14 +80,6 @@ def test_resized_scene_delivers_the_size_its_cameras_state_always_of_the_whole_p
     np.testing.assert_array_equal(images[1], resize_cover(make_photo(24, 32, seed=1), 10, 20))
 
 
-def test_a_resized_photo_is_read_once(folder: Path) -> None:
-    """Large photos take half a second each, and several stages of a command ask for the same picture."""
-    frame = load_scene(folder).resized(4, 6).frames[0]
-    image = frame.image()
-    frame.path.unlink()
-    np.testing.assert_array_equal(frame.image(), image)
-
-
 def test_large_photos_are_read_smaller_where_that_is_enough(tmp_path: Path) -> None:
     """Twice as large as the picture that is wanted, or larger; the whole photo where that is not."""
     y, x = np.mgrid[:1040, :1200] / 40

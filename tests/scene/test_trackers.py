@@ -120,10 +120,6 @@ def test_what_no_camera_here_has_is_refused_by_its_name(folder: Path, write, ter
     assert tells(refused(load_scene, write(folder, **terms)), words)
 
 
-def test_a_skew_that_moves_nothing_is_let_pass(folder: Path) -> None:
-    assert lens_of(metashape(folder, b2=0.4, p3=1e-4)).is_pinhole
-
-
 def test_of_components_the_largest_is_read(folder: Path) -> None:
     others = "".join(
         f'<camera id="{i}" sensor_id="0" component_id="1" label="{name}"><transform>{POSE}</transform></camera>'
@@ -149,12 +145,6 @@ def test_bundlers_counts_are_held_against_its_lines(folder: Path) -> None:
     path = bundler(folder)
     path.write_text(path.read_text().replace("2 0\n", "900000000 0\n", 1))
     assert tells(refused(load_scene, path), "900000000")
-
-
-def test_a_count_before_the_header_is_skipped(folder: Path) -> None:
-    path = realityscan(folder)
-    path.write_text(f"#cameras 1\n{path.read_text()}")
-    assert len(load_scene(folder).frames) == 1
 
 
 def test_photos_that_are_nowhere_are_named(folder: Path) -> None:

@@ -91,16 +91,6 @@ def test_a_new_file_and_its_name_are_flushed_to_the_disk(tmp_path: Path, monkeyp
     assert flushed == [*seen, str(tmp_path.resolve())]
 
 
-def test_folders_that_cannot_be_flushed_do_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def flush(descriptor: int) -> None:
-        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EINVAL, "no folders here")
-
-    monkeypatch.setattr(os, "fsync", flush)
-    write_atomically(tmp_path / "out", b"new")
-    assert (tmp_path / "out").read_bytes() == b"new"
-
-
 @pytest.mark.parametrize(
     ("raised", "words"),
     [
