@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..codec.job import EncodeStats
 from ..codec.list.blocks import blocks_of
-from ..codec.list.encoder import ListEncoder
+from ..codec.list.encoder import MOST_BLOCKS, ListEncoder
 from ..codec.list.views import TOGETHER, Views, views_of_block
 from ..codec.list.visible import taken, visible
 from ..codec.profiles import Profile
@@ -26,6 +26,7 @@ from ..codec.search import Coder
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians
 from ..system import disk
+from ..system.evenly import evenly
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
 from .removal import Pruned, Remover
@@ -141,7 +142,7 @@ class PruningEncoder(Coder):
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `ListEncoder.code`."""
         with self._stats.watch.stage("rank"):
-            pruned, penalties = self.pruned(qp)
+            pruned, penalties = self._pruned(qp)
             tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, pruned, strict=True)])
         whole = Pruned.joined(pruned)
         self._stats.left_out, self._stats.left_out_psnr = whole.left_out, whole.psnr
@@ -153,10 +154,10 @@ class PruningEncoder(Coder):
 
         def recolour(decoded: Gaussians, rows: NDArray) -> NDArray:
             sh, numbers = decoded.sh.copy(), np.searchsorted(ends, rows, side="right")
-            for number, (block, costs) in enumerate(zip(self._blocks, penalties, strict=True)):
+            for number, block in enumerate(self._blocks):
                 if block.remover is not None:
                     own = numbers == number
-                    sh[own] = block.remover.recoloured(decoded.taken(own), costs).sh
+                    sh[own] = block.remover.recoloured(decoded.taken(own), penalties).sh
             return sh
 
         coder = ListEncoder(
@@ -171,37 +172,39 @@ class PruningEncoder(Coder):
         )
         return coder.code(qp, self._terms.steps)
 
-    def pruned(self, qp: float) -> tuple[list[Pruned], list[list[float]]]:
-        """What is left at Q_g of each block, and what its SH coefficients cost."""
-        error, count, by_slope = 0.0, 0, list[list[float]]()
-        for block in self._blocks:
+    def _pruned(self, qp: float) -> tuple[list[Pruned], list[float]]:
+        """What is left at Q_g of each block, and what SH coefficients cost."""
+        ranked = [block for block in self._blocks if block.remover is not None]
+        error, count, squares = 0.0, 0, np.zeros(ranked[0].gaussians.sh.shape[1] if ranked else 1)
+        for number in evenly(len(ranked), MOST_BLOCKS):
+            block = ranked[number]
             rounded = block.coder.rounded(qp, self._terms.steps)
-            by_slope.append(band_penalties(rounded, 1.0))
-            if block.remover is not None:
-                error += block.remover.error_of(rounded)
-                count += rounded.count
+            error += block.remover.error_of(rounded)  # type: ignore[union-attr]
+            count += rounded.count
+            squares += np.einsum("nsc,nsc->s", rounded.sh, rounded.sh, dtype=np.float64) / 3
+            del rounded
             disk.let_go()
         worth = self._terms.slope * error / max(count, 1)
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
-        penalties = [[slope * cost for cost in costs] for costs in by_slope]
+        penalties = band_penalties(squares / max(count, 1), slope)
         found: list[Pruned] = []
-        blocks = list(zip(self._blocks, penalties, strict=True))
 
         def note() -> str:
             return f"{sum(own.left_out for own in found):,} left out"
 
-        for block, costs in self._told.progress("pruning", blocks, note=note):
-            remover = block.remover
-            found.append(Pruned.none(block.gaussians) if remover is None else remover.prune(worth, costs))
+        for block in self._told.progress("pruning", self._blocks, note=note):
+            one = Pruned.none(block.gaussians) if block.remover is None else block.remover.prune(worth, penalties)
+            found.append(Pruned.joined([one]))
+            del one
             disk.let_go()
         return found, penalties
 
 
-def band_penalties(gaussians: Gaussians, slope: float) -> list[float]:
+def band_penalties(squares: NDArray, slope: float) -> list[float]:
     """What squared SH coefficients of each degree above 0 cost in bits, times the error that a bit is worth.
 
-    A coefficient of a band with the mean square σ² takes x²/(2σ² ln 2) bits more than one of 0.
+    A coefficient of a band with the mean square σ², of `squares` (S,) by function, takes x²/(2σ² ln 2) bits more than
+    one of 0.
     """
-    squares = np.square(gaussians.sh.astype(np.float64)).mean(axis=(0, 2))
-    bands = [squares[degree**2 : (degree + 1) ** 2].mean() for degree in range(1, gaussians.degree + 1)]
+    bands = [squares[start**2 : (start + 1) ** 2].mean() for start in range(1, math.isqrt(len(squares)))]
     return [slope / (16 * math.log(2) * max(float(band), 1e-12)) for band in bands]

@@ -184,36 +184,44 @@ def solve_colours(
         sh: (n, B, 3) float32, changed.
     """
     views, size = basis.shape[1], basis.shape[2]
-    matrix, right = np.empty((size, size)), np.empty((size, 3))
+    matrix, right = np.empty((size, size)), np.empty((3, size))
     for row in range(len(basis)):
-        held = hold / (4 * math.pi) * weights[row].sum()
-        for i in range(size):
-            for j in range(i + 1):
-                total = 0.0
-                for view in range(views):
-                    total += weights[row, view] * basis[row, view, i] * basis[row, view, j]
-                matrix[i, j] = total
-            matrix[i, i] += penalties[i] + held + 1e-9
-            for channel in range(3):
-                total = -penalties[i] * sh[row, i, channel]
-                for view in range(views):
-                    total += lacks[row, view, channel] * basis[row, view, i]
-                right[i, channel] = total
-        for i in range(size):
-            for j in range(i + 1):
-                total = matrix[i, j]
-                for k in range(j):
-                    total -= matrix[i, k] * matrix[j, k]
-                matrix[i, j] = math.sqrt(max(total, 1e-12)) if i == j else total / matrix[j, j]
+        matrix[:] = 0
         for channel in range(3):
             for i in range(size):
-                total = right[i, channel]
-                for k in range(i):
-                    total -= matrix[i, k] * right[k, channel]
-                right[i, channel] = total / matrix[i, i]
-            for i in range(size - 1, -1, -1):
-                total = right[i, channel]
+                right[channel, i] = -penalties[i] * sh[row, i, channel]
+        for view in range(views):
+            weight = weights[row, view]
+            if weight == 0:  # it does not show there
+                continue
+            seen = basis[row, view]
+            for i in range(size):
+                part = weight * seen[i]
+                for j in range(i + 1):
+                    matrix[i, j] += part * seen[j]
+            for channel in range(3):
+                lack = lacks[row, view, channel]
+                for i in range(size):
+                    right[channel, i] += lack * seen[i]
+        if not right.any():
+            continue
+        held = hold / (4 * math.pi) * weights[row].sum()
+        for i in range(size):
+            matrix[i, i] += penalties[i] + held + 1e-9
+        for k in range(size):
+            matrix[k, k] = math.sqrt(max(matrix[k, k], 1e-12))
+            for i in range(k + 1, size):
+                matrix[i, k] /= matrix[k, k]
+                for j in range(k + 1, i + 1):
+                    matrix[i, j] -= matrix[i, k] * matrix[j, k]
+        for channel in range(3):
+            own = right[channel]
+            for i in range(size):
+                own[i] /= matrix[i, i]
                 for k in range(i + 1, size):
-                    total -= matrix[k, i] * right[k, channel]
-                right[i, channel] = total / matrix[i, i]
-                sh[row, i, channel] += _F(relaxation * right[i, channel])
+                    own[k] -= matrix[k, i] * own[i]
+            for i in range(size - 1, -1, -1):
+                own[i] /= matrix[i, i]
+                for k in range(i):
+                    own[k] -= matrix[i, k] * own[i]
+                sh[row, i, channel] += _F(relaxation * own[i])

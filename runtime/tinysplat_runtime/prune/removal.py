@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.gaussians import Gaussians, joined
+from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.sh import sh_basis
 from ..scene.cameras import Camera
 from ..system import disk
@@ -67,10 +67,13 @@ class Pruned:
 
     @classmethod
     def joined(cls, blocks: Sequence[Pruned]) -> Pruned:
-        """What is left of blocks, one after the other, each of which is seen as much."""
-        if len(blocks) == 1:
-            return blocks[0]
-        gaussians = blocks[0].gaussians.changed(**joined([own.gaussians for own in blocks]))
+        """What is left of blocks, one after the other, each of which is seen as much; on disk where it is much."""
+        fields = {}
+        for name in FIELDS:
+            arrays = [getattr(own.gaussians, name) for own in blocks]
+            fields[name] = disk.zeros((sum(map(len, arrays)), *arrays[0].shape[1:]))
+            np.concatenate(arrays, out=fields[name])
+        gaussians = blocks[0].gaussians.changed(**fields)
         starts = np.cumsum([0, *(own.total for own in blocks)])[:-1]
         rows = np.concatenate([start + own.rows for start, own in zip(starts, blocks, strict=True)])
         error = float(np.mean([10 ** (-own.psnr / 10) for own in blocks]))
@@ -159,6 +162,10 @@ class Remover:
             self._go_on()
         return np.sort(np.argsort(self._prices[rows], kind="stable")[rows.size - count :])
 
+    def psnr_of(self, gaussians: Gaussians) -> float:
+        """dB of the pictures by which it is chosen what is done."""
+        return self._judges.psnr(gaussians)
+
     def recoloured(self, gaussians: Gaussians, penalties: Sequence[float] = ()) -> Gaussians:
         """With colours nearer to what pictures of all ask for; `penalties` as `prune` has them."""
         for half in self._halves:
@@ -220,14 +227,15 @@ class Remover:
         shown = gone[np.argsort(self._prices[gone], kind="stable")[gone.size // 2 :]]
         left = self._all.changed(sh=self._sh).taken(rows)
         if shown.size and not self._is_late():
+            disk.let_go()  # what looking took
             together = merged(self._all, rows, np.sort(shown))
             disk.let_go()  # what merging took, several times as much as the Gaussians
-            left = max((self.recoloured(one, penalties) for one in (left, together)), key=self._judges.psnr)
+            left = max(left, self.recoloured(together, penalties), key=self.psnr_of)
             del together
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
         if shown.size and not self._is_late():
-            left = max(left, self._corrected(left), key=self._judges.psnr)
+            left = max(left, self._corrected(left), key=self.psnr_of)
         return Pruned(left, rows, self._prices.size - rows.size, self._tellers.psnr(left))
 
     def _kept(self, cameras: Sequence[Camera]) -> Pictures:

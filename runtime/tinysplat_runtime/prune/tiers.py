@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -43,10 +44,10 @@ def _tiers_of(remover: Remover | None, pruned: Pruned) -> Tiers:
 
 def _growth(remover: Remover, gaussians: Gaussians) -> float:
     """By which scales of these, when they are all there is, come nearest to pictures of the whole."""
-    best, least = 0.0, float("inf")
+    best, most = 0.0, -math.inf
     for growth in GROWTHS:
-        error = remover.error_of(replace(gaussians, scales=gaussians.scales * np.float32(np.exp(growth))))
-        if error > least:
+        psnr = remover.psnr_of(replace(gaussians, scales=gaussians.scales * np.float32(np.exp(growth))))
+        if psnr < most:
             break
-        best, least = growth, error
+        best, most = growth, psnr
     return best

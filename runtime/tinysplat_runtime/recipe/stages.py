@@ -29,6 +29,7 @@ from ..render import Renderer
 from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
+from ..system import disk
 from ..system.decibels import decibels
 from ..system.evenly import evenly
 from ..system.threads import Crew
@@ -159,8 +160,8 @@ def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is
     views = views_of(shown)
     looking = views if coding.target_psnr is None else from_anywhere(views, shown)
     fidelity = lru_cache(lambda: _list_fidelity(job, limits, some(looking.judging, MEASURED_VIEWS)))
-    coder = _list_coder(replace(job, gaussians=shown), views, pruning)
-    data = _meeting(coder, coding, job.qp, fidelity)
+    data = _meeting(_list_coder(replace(job, gaussians=shown), views, pruning), coding, job.qp, fidelity)
+    disk.let_go()  # what coding took
     if is_measured and looking.judging:
         with job.stats.watch.stage("measure"):
             job.stats.psnr = fidelity()(data)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +22,6 @@ from .grid import means_of
 from .octree import decode_points
 from .orders import Numbers, Order, along_the_curve, order_by, reached
 from .planes import plane_shape
-
-_SHAPES = {"quats": (4,), "scales": (3,), "opacities": ()}
 
 
 @dataclass(frozen=True)
@@ -68,19 +66,20 @@ def decode_list(file: OpenFile, scene: ListScene) -> Gaussians:
         raise FormatError("holds no positions", where="file")
     growth = scene.tiers[present].growth if present < len(tiers) else 0.0
     crew = Crew(file.threads)
-    parts = [_decode_tier(scene, tier, growth, crew) for tier in tiers[:present]]
-    names = parts[0].keys()
-    fields = parts[0] if present == 1 else {name: np.concatenate([part[name] for part in parts]) for name in names}
+    fields, parts = arrays_by_tier([tier.own.count for tier in tiers[:present]], len(scene.mean))
+    for tier, part in zip(tiers, parts, strict=False):
+        _decode_tier(scene, tier, growth, crew, part)
     return Gaussians.unchecked(**fields, origin=file.container.origin)
 
 
-def _decode_tier(scene: ListScene, tier: _Tier, growth: float, crew: Crew) -> dict[str, NDArray]:
-    """The arrays of one tier's Gaussians."""
+def _decode_tier(scene: ListScene, tier: _Tier, growth: float, crew: Crew, into: Mapping[str, NDArray]) -> None:
+    """Fill the arrays of one tier's Gaussians."""
     own, grid = tier.own, tier.own.grid
     assert own.positions
     streams = position_streams(own.positions.pictures[0])
     keys = decode_points(streams, grid.levels, grid.leaves, grid.escapes, own.count)
-    means = means_of(grid, cells_of(keys))
+    into["means"][:] = means_of(grid, cells_of(keys))
+    del keys
     found: dict[tuple[PlaneClass, int], Numbers] = {}
     orders, counts = [along_the_curve(own.count)], np.zeros(own.count, np.uint16)
     for place, name in enumerate(DETERMINING):
@@ -97,10 +96,20 @@ def _decode_tier(scene: ListScene, tier: _Tier, growth: float, crew: Crew) -> di
     found |= dict(zip(rest, crew.map(lambda job: tier.values(*job), jobs), strict=True))
     is_unturned = len(scene.tiers) > 1 and own.lacks(PlaneClass.ROTATION)
     palette = scene.size_middle, scene.mean, scene.basis
-    return {"means": means, **arrays_of(found, *palette, growth=growth, as_spheres=is_unturned)}
+    fill(into, found, *palette, growth=growth, as_spheres=is_unturned)
 
 
-def arrays_of(
+def arrays_by_tier(counts: Sequence[int], coefficients: int) -> tuple[dict[str, NDArray], list[dict[str, NDArray]]]:
+    """Arrays of all Gaussians, and the parts of them that are each tier's, of so many; SH of so many coefficients."""
+    shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (coefficients // 3, 3)}
+    arrays = {name: np.empty((sum(counts), *shape), np.float32) for name, shape in shapes.items()}
+    ends = np.cumsum(counts).tolist()
+    parts = [slice(end - count, end) for count, end in zip(counts, ends, strict=True)]
+    return arrays, [{name: array[part] for name, array in arrays.items()} for part in parts]
+
+
+def fill(
+    into: Mapping[str, NDArray],
     channels: Mapping[tuple[PlaneClass, int], Numbers],
     middle: float,
     mean: NDArray,
@@ -108,20 +117,18 @@ def arrays_of(
     *,
     growth: float = 0.0,
     as_spheres: bool = False,
-) -> dict[str, NDArray]:
-    """Quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3) float32 of the numbers of all channels, by class and
-    target.
+) -> None:
+    """Fill in all but the means from the numbers of all channels.
 
     Args:
-        channels: (N,) each.
+        into: quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3) float32.
+        channels: (N,) each, by class and target.
         middle, mean, basis: as `ListScene` has them.
         growth: as `from_columns` has it.
         as_spheres: as nobody knows how they are turned.
     """
-    count, wide = len(channels[PlaneClass.OPACITY, 0].gains), basis.astype(np.float64).T
-    found = {name: np.empty((count, *shape), np.float32) for name, shape in _SHAPES.items()}
-    found["sh"] = np.empty((count, len(mean) // 3, 3), np.float32)
-    for start in range(0, count, ROWS):
+    wide = basis.astype(np.float64).T
+    for start in range(0, len(into["sh"]), ROWS):
         part = slice(start, start + ROWS)
         columns = Columns(
             roots=channels[PlaneClass.OPACITY, 0][part],
@@ -133,7 +140,6 @@ def arrays_of(
         arrays = from_columns(columns.as_spheres() if as_spheres else columns, growth)
         colours = [channels[PlaneClass.COLOR, target][part] for target in range(len(wide))]
         sh = product(np.stack(colours, axis=1), wide) + mean if colours else np.tile(mean, (len(columns.roots), 1))
-        arrays["sh"] = sh.reshape(-1, *found["sh"].shape[1:])
+        arrays["sh"] = sh.reshape(-1, *into["sh"].shape[1:])
         for name, values in arrays.items():
-            found[name][part] = values
-    return found
+            into[name][part] = values

@@ -41,6 +41,7 @@ from ...gaussian.gaussians import FIELDS, Gaussians
 from ...gaussian.planes import PlaneClass
 from ...scene.cameras import Camera
 from ...scene.neighbours import spread
+from ...system import disk
 from ...system.decibels import decibels
 from ...system.evenly import evenly
 from ...system.threads import Crew
@@ -53,7 +54,7 @@ from ..search import Coder
 from .attributes import KNEE, LEAST_SCALE, Columns, companded, to_columns
 from .blocks import blocks_of
 from .colours import FLAT_SHARE, principal_colours
-from .decoder import arrays_of
+from .decoder import arrays_by_tier, fill
 from .evenness import sizes_about
 from .grid import cells_in, grid_of, means_of, with_cell
 from .levels import WHOLE, Level, Tiers
@@ -223,14 +224,17 @@ class ListEncoder(Coder):
         looked_at = list(self._looked_at(views))
         if not looked_at:
             return SPARSE.times(UNSEEN)
-        wanted = [pictures_of(coder._gaussians, cameras, self._threads) for coder, cameras in looked_at]
+
+        def pictures(of: Callable[[ListEncoder], Gaussians]) -> Iterator[NDArray]:
+            for coder, cameras in looked_at:
+                yield from pictures_of(of(coder), cameras, self._threads)
+                disk.let_go()
+
+        wanted = list(pictures(lambda coder: coder._gaussians))
 
         def psnr(steps: Steps) -> float:
-            errors = []
-            for (coder, cameras), pictures in zip(looked_at, wanted, strict=True):
-                found = pictures_of(coder._rounded(steps), cameras, self._threads)
-                errors += [np.square(a - b).mean() for a, b in zip(found, pictures, strict=True)]
-            return decibels(float(np.mean(errors)))
+            found = pictures(lambda coder: coder._rounded(steps))
+            return decibels(float(np.mean([np.square(a - b).mean() for a, b in zip(found, wanted, strict=True)])))
 
         return of_pictures(dense, psnr, OBJECT_DB if views.is_object else PLACE_DB)
 
@@ -247,6 +251,7 @@ class ListEncoder(Coder):
             cameras = views_of_block(block, views).some(MOST_MEASURED // min(len(blocks), MOST_BLOCKS))
             if cameras:
                 yield self.of_block(block, views, SPARSE), cameras
+            disk.let_go()
 
     def of_block(self, block: Gaussians, views: Views, steps: Steps) -> ListEncoder:
         """The same for a block of them."""
@@ -314,13 +319,11 @@ def _settled_order(keys: NDArray, gaussians: Gaussians, of: NDArray) -> NDArray:
 
 def _decoded(tiers: Sequence[_Tier], middle: float, mean: NDArray, basis: NDArray) -> dict[str, NDArray]:
     """Arrays of what a decoder will see of tiers; `middle`, `mean` and `basis` are those of `ListScene`."""
-    parts = []
-    for tier in tiers:
-        values = {c.channel.record.key: c.values for c in tier.coded}
-        parts.append({"means": means_of(tier.grid, tier.cells), **arrays_of(values, middle, mean, basis)})
-    if len(parts) == 1:
-        return parts[0]
-    return {name: np.concatenate([part[name] for part in parts]) for name in FIELDS}
+    fields, parts = arrays_by_tier([len(tier.cells) for tier in tiers], len(mean))
+    for tier, part in zip(tiers, parts, strict=True):
+        part["means"][:] = means_of(tier.grid, tier.cells)
+        fill(part, {c.channel.record.key: c.values for c in tier.coded}, middle, mean, basis)
+    return fields
 
 
 @dataclass(frozen=True)
