@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,7 +112,9 @@ class PruningEncoder(Coder):
             together: Gaussians that are ranked together, at most.
         """
         self.profile, self._threads, self._stats, self._told = profile, threads, stats, told
-        self._views, self._until = views, time.monotonic() + seconds
+        self._views, until = views, time.monotonic() + seconds
+        # removers hold it, and would hold the encoder with a method of its
+        self._is_late: Callable[[], bool] = lambda: time.monotonic() > until
         self._whole = ListEncoder(gaussians, profile, threads=threads, stats=stats, views=views)
         self._terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, self._whole.steps.sparse)
         self._notes = gaussians.notes
@@ -127,9 +130,6 @@ class PruningEncoder(Coder):
                 coder = self._whole.of_block(block, views, self._whole.steps)
                 self._blocks.append(self._block(block, views_of_block(block, views), coder))
                 disk.let_go()
-
-    def _is_late(self) -> bool:
-        return time.monotonic() > self._until
 
     def _block(self, gaussians: Gaussians, views: Views, coder: ListEncoder) -> _Block:
         remover = None
@@ -170,6 +170,7 @@ class PruningEncoder(Coder):
             tiers=tiers,
             recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
         )
+        disk.let_go()
         return coder.code(qp, self._terms.steps)
 
     def _pruned(self, qp: float) -> tuple[list[Pruned], list[float]]:

@@ -27,7 +27,7 @@ from ..metrics import psnr, ssim
 MAX_ROWS = 8
 """Rows of a sheet; more go on a next one."""
 
-_TILE_INCHES = 2.4
+_GAP = 4
 _SCALE_PERCENTILE = 99.5
 
 
@@ -50,7 +50,7 @@ class SheetPicture:
 
     def tiles(self) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
         """Pictures (H, W, 3) float and error maps (H, W) float64 by their captions."""
-        return {"A": self.a, "B": self.b}, {f"|B − A|  {_decibel(self.b, self.a)}": error_map(self.b, self.a)}
+        return {"A": self.a, "B": self.b}, {f"|B - A|  {_decibel(self.b, self.a)}": error_map(self.b, self.a)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,28 +104,29 @@ def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
 
 
 def _draw(path: Path, title: str, rows: Sequence[SheetPicture]) -> None:
-    from matplotlib.figure import Figure
+    """All pixels as they are: a figure of so many axes would take matplotlib far longer than they took to draw."""
+    from matplotlib import colormaps
+    from PIL import Image, ImageDraw, ImageFont
 
     tiles = [row.tiles() for row in rows]
     limit = max(float(np.percentile([[*maps.values()] for _, maps in tiles], _SCALE_PERCENTILE)), 1 / 255)
-    columns = sum(map(len, tiles[0]))
     height, width = rows[0].a.shape[:2]
-    inches = (columns * _TILE_INCHES + 0.6, len(rows) * (_TILE_INCHES * height / width + 0.3) + 0.5)
-    figure = Figure(figsize=inches, dpi=max(72, round(width / _TILE_INCHES)), layout="constrained")
-    figure.suptitle(title, fontsize=8)
-    axes = figure.subplots(len(rows), columns, squeeze=False)
-    for line, row, (pictures, maps) in zip(axes, rows, tiles, strict=True):
-        for axis, (caption, image) in zip(line, [*pictures.items(), *maps.items()], strict=True):
-            pixels = np.clip(image, 0, 1) if image.ndim == 3 else image
-            drawn = axis.imshow(pixels, cmap="magma", vmin=0, vmax=limit, interpolation="nearest")
-            axis.set_title(caption, fontsize=7)
-            axis.set_xticks([])
-            axis.set_yticks([])
-        line[0].set_ylabel(row.label, fontsize=7)
-    # the last picture of a row is a map, and all have one scale
-    figure.colorbar(drawn, ax=axes, shrink=0.6, fraction=0.02, pad=0.01).ax.tick_params(labelsize=6)
+    text = min(max(width // 20, 9), 40)
+    line, columns = text + text // 2, sum(map(len, tiles[0]))
+    size = columns * (width + _GAP), 2 * line + len(rows) * (height + 2 * line)
+    sheet, colours, font = Image.new("RGB", size, "white"), colormaps["magma"], ImageFont.load_default(text)
+    pen = ImageDraw.Draw(sheet)
+    pen.text((0, 0), f"{title}   errors from 0 (black) to {limit:.3f} (white)", "black", font)
+    for number, (row, (pictures, maps)) in enumerate(zip(rows, tiles, strict=True)):
+        top = 2 * line + number * (height + 2 * line)
+        shown = {caption: np.clip(image, 0, 1) for caption, image in pictures.items()}
+        shown |= {caption: colours(np.clip(error / limit, 0, 1))[..., :3] for caption, error in maps.items()}
+        for column, (caption, image) in enumerate(shown.items()):
+            left = column * (width + _GAP)
+            pen.text((left, top), caption if column else f"{row.label}   {caption}", "black", font)
+            sheet.paste(Image.fromarray(np.round(255 * image).astype(np.uint8)), (left, top + line))
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png")
+        sheet.save(temporary, format="png")
 
 
 def _read(path: Path) -> NDArray:

@@ -64,7 +64,7 @@ def principal_colours(sh: NDArray, rows: NDArray, gains: NDArray, steps: Steps) 
     """
     every = -(-len(rows) // _SAMPLE)
     sample, weights = sh[rows[::every]].astype(np.float64), np.square(1 / gains[::every])
-    middle = np.median(sample, axis=0)
+    middle = np.array([np.median(column) for column in sample.T])  # of all at once it takes a copy
     away = [np.percentile(np.abs(column - of), 99) for column, of in zip(sample.T, middle, strict=True)]
     most = BRIGHTEST * np.maximum(away, 1)
     low, high = middle - most, middle + most
