@@ -187,7 +187,7 @@ class PruningEncoder(Coder):
             disk.let_go()
         worth = self._terms.slope * error / max(count, 1)
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
-        penalties = band_penalties(squares / max(count, 1), slope)
+        penalties = _band_penalties(squares / max(count, 1), slope)
         found: list[Pruned] = []
 
         def note() -> str:
@@ -201,7 +201,7 @@ class PruningEncoder(Coder):
         return found, penalties
 
 
-def band_penalties(squares: NDArray, slope: float) -> list[float]:
+def _band_penalties(squares: NDArray, slope: float) -> list[float]:
     """What squared SH coefficients of each degree above 0 cost in bits, times the error that a bit is worth.
 
     A coefficient of a band with the mean square σ², of `squares` (S,) by function, takes x²/(2σ² ln 2) bits more than
