@@ -8,14 +8,12 @@ from pathlib import Path
 import pytest
 from console import fail
 from measure.tiny_runs import rows_of, tiny_run
-from scenes import refusing, tells
+from scenes import tells
 
-from tinysplat.commands.bench import measure_studies, split_words
+from tinysplat.commands.bench import measure_studies
 from tinysplat.measure.pages import write_report
 from tinysplat.measure.rows import Row, read_rows
-from tinysplat.measure.studies import ORDINARY, STUDIES
 from tinysplat.measure.studies.growth import capture_rows, cloud_rows, photo_rows
-from tinysplat_runtime.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -48,14 +46,6 @@ def test_every_study_leaves_rows_that_have_figures_or_costs_or_say_why(rows: lis
 def test_two_runs_agree_in_everything_but_time(rows: list[Row], tmp_path: Path) -> None:
     again = {row.key: row.figures for row in rows_of("formats", tiny_run(tmp_path))}
     assert again == {row.key: row.figures for row in rows if row.key in again} and len(again) > 3
-
-
-def test_words_are_studies_and_then_inputs(tmp_path: Path) -> None:
-    assert split_words([]) == (ORDINARY, [])
-    assert split_words(["formats", "growth", str(tmp_path)]) == (("formats", "growth"), [str(tmp_path)])
-    with refusing(InputError, "formats"):
-        split_words([str(tmp_path), "formats"])
-    assert set(ORDINARY) < set(STUDIES)
 
 
 @pytest.mark.parametrize(
