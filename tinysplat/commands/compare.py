@@ -30,8 +30,8 @@ GAUSSIAN_SUFFIXES = (SUFFIX, *endings(written=False))
 def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
     parser.description = (
-        "A and B are two pictures or two files of Gaussians, which are rendered at the views of A and midway between"
-        " neighbouring ones."
+        "A and B are two pictures or two files of Gaussians, which are rendered at up to 12 of the views of A and"
+        " midway between neighbouring ones."
     )
     parser.add_argument("a", metavar="A", help=".tsplat, .ply or other Gaussians, .png, .jpg")
     parser.add_argument("b", metavar="B", help="the same kind of thing as A")

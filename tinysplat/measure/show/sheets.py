@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.system.decibels import CEILING
+from tinysplat_runtime.system.evenly import evenly
 from tinysplat_runtime.system.files import atomic_path
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.told import NOBODY, Told
@@ -26,6 +28,9 @@ from ..metrics import psnr, ssim
 
 MAX_ROWS = 8
 """Rows of a sheet; more go on a next one."""
+
+MOST_VIEWS = 12
+"""Cameras that two sets of Gaussians are drawn from."""
 
 _GAP = 4
 _SCALE_PERCENTILE = 99.5
@@ -83,10 +88,12 @@ def gaussian_sheet(
     size: tuple[int, int] | None,
     told: Told = NOBODY,
 ) -> Sheet:
-    """Two sets of Gaussians from the same cameras: each of them, and midway between neighbours; `told` counts them."""
-    views = len(cameras)
-    path = between(cameras, 2 * views - 1)
-    labels = [f"view {i // 2}" if i % 2 == 0 else f"between {i // 2} and {i // 2 + 1}" for i in range(len(path))]
+    """Two sets of Gaussians from the same cameras, some evenly of many, and midway between; `told` counts them."""
+    numbers = evenly(len(cameras), MOST_VIEWS)
+    path = between([cameras[number] for number in numbers], 2 * len(numbers) - 1)
+    labels = [f"view {numbers[0]}"]
+    for first, second in pairwise(numbers):
+        labels += [f"between {first} and {second}", f"view {second}"]
     renderers = [Renderer(one) for one in pair]
     images = [[of.render(camera, size) for of in renderers] for camera in told.progress("drawing", path)]
     rows = tuple(SheetPicture(label, *both) for label, both in zip(labels, images, strict=True))
