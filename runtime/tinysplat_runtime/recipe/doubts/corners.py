@@ -16,9 +16,8 @@ MORE, LEAST = 1.25, 8.0
 """A reading is named that so many times as many corners fit as the cameras given, and so many more: of right cameras
 of ten scenes the best has 0.92 times, of focal lengths 1.3 times too long at least 1.3."""
 
-MORE_OF_ONE, SUSPECTS = 1.5, 3
-"""Times as many of one photo's own corners fit a reading of it that is named; of photos that fit worst so many are
-looked at."""
+SUSPECTS = 3
+"""Photos that fit worst, of which readings of one alone are looked at, by its own corners."""
 
 TELLING, INSIDE = 30, 0.5
 """So many corners that tell their depth say whether a range is right: it holds this share of their depths or more."""
@@ -72,7 +71,7 @@ def _scores_of_one(seen: Seen, view: int) -> dict[str, float]:
         known, read_as = {**seen.corners, view: its}, {**cameras, view: camera}
         both = places if its is seen.corners[view] else {(v, u): matched(known[v], known[u]) for v, u in around}
         fits = sum(inliers(both[v, u], read_as[v], read_as[u]) for v, u in around)
-        if fits >= max(MORE_OF_ONE * own, own + LEAST):
+        if fits >= max(MORE * own, own + LEAST):
             scores[text] = rest + fits
     return scores
 
