@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import list_in_tiers, make_list, refusing
+from scenes import list_in_tiers, make_cameras, make_list, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.list.attributes import Columns, expanded, from_columns, to_columns
@@ -154,8 +154,8 @@ def test_what_no_reader_would_take_is_refused_by_its_name(name, number, factor):
 
 
 def test_so_many_equal_gaussians_that_no_byte_pays_for_them_are_refused():
-    many = cloud(2).taken(np.zeros(300_000, int))
-    with refusing(InputError, "300000 256"):
+    many = replace(cloud(2, 0).taken(np.zeros(200_000, int)), viewpoints=tuple(make_cameras(1)))
+    with refusing(InputError, "200000 256"):
         coded(many)
 
 
