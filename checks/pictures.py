@@ -1,8 +1,8 @@
 """Pictures of the pages: the command that makes each, and which of them are older than what they show.
 
     python checks/pictures.py                                # all, with their commands (`make pictures`)
-    python checks/pictures.py docs/viewer.jpg                # makes one anew, and records what it shows
-    python checks/pictures.py --record docs/viewer.jpg       # records one that its command has made elsewhere
+    python checks/pictures.py docs/steps.png                 # makes one anew, and records what it shows
+    python checks/pictures.py --record docs/steps.png        # records one that its command has made elsewhere
 
 A picture is older where files that it shows have other contents than when it was recorded (docs/pictures.json).
 """
@@ -87,6 +87,11 @@ PICTURES = {
         ENGINES, ["checks/engines.*", "runtime/tinysplat_runtime/web/adapters/*js"], "what checks/README.md says"
     ),
     "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
+    "docs/steps.png": MadePicture(
+        "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
+        ["benchmarks/reports/2026-11-26/steps.jsonl"],
+        "SCENES: the six captures of docs/MEASURING.md",
+    ),
 }
 
 

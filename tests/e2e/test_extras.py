@@ -40,7 +40,7 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
     "demo": [("skimage", ("script", "examples/demo.py", "--out", "out"))],
     "eval": [
         ("PIL", (*CLI, "compare", "g.npz", "g.npz")),
-        ("scipy", (*CLI, "bench", "--quick")),
+        ("matplotlib", (*CLI, "bench", "--quick")),
         ("skimage", (*CLI, "eval", "g.npz", "-q")),
         ("torch", (*CLI, "eval", "g.npz", "--lpips", "vgg", "--lpips-backbone", "b.pth", "--lpips-linear", "l.pth")),
     ],

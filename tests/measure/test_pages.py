@@ -23,12 +23,13 @@ def row(way: str, seconds: float = 1.0, **figures: float) -> Row:
     return Row("formats", "2×256×256", way, {"profile": way.split()[0]}, figures, costs)
 
 
-def test_every_study_has_tables_that_say_nothing_of_no_rows():
+def test_every_study_has_tables_that_say_nothing_of_no_rows(tmp_path):
     names: list[str] = [*quality.TABLES]
     for name in STUDIES:
         study = find_study(name)
         names += study.tables
         assert all(table([]) == "" for table in study.tables.values()), name
+        assert not any(plot(tmp_path / "p.png", []) for plot in study.plots.values()), name
     assert len(names) == len(set(names))  # marks name tables
 
 

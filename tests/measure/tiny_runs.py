@@ -25,6 +25,7 @@ def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
         True,
         Runtime(threads=1),
         RowFile(folder / ROWS),
+        folder,
         sources,
         list(paths),
         ["sweep"],

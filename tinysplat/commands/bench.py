@@ -1,4 +1,4 @@
-"""`tinysplat bench`: studies of speed, size and error as rows and a report; and the figures of our pages."""
+"""`tinysplat bench`: studies of speed, size and error as rows, a report and plots; and the figures of our pages."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from tinysplat_runtime.system.progress import progress
 
 from .eval import numbers
 
-HELP = "error against run time, report"
-NEEDS = ("scipy",)
+HELP = "error against run time, report with plots"
+NEEDS = ("matplotlib", "scipy")
 
 DEFAULT_FOLDER = "bench_report"
 
@@ -39,7 +39,7 @@ def configure(parser: ArgumentParser) -> None:
     """Add the command's options."""
     parser.usage = "tinysplat bench [STUDY …] [INPUT …] [options]"
     parser.description = (
-        "Measure, and write a folder with rows.jsonl and report.md. Words that name studies come first; without"
+        "Measure, and write a folder with rows.jsonl, report.md and plots. Words that name studies come first; without"
         f" any, {', '.join(ORDINARY)} are measured; without INPUT, on scenes of its own. Studies"
         f" (docs/MEASURING.md): {', '.join(STUDIES)}."
     )
@@ -92,6 +92,7 @@ def run(args: Namespace) -> None:
         args.quick,
         Runtime(threads=args.threads),
         RowFile(folder / ROWS),
+        folder,
         sources,
         [Path(p) for p in inputs],
         args.models or shipped_networks(),

@@ -36,7 +36,7 @@ _MARK = re.compile(
 
 
 def write_report(folder: Path, rows: Sequence[Row], left_out: Sequence[str] = ()) -> Path:
-    """Write report.md beside the rows; returns its path."""
+    """Write report.md and its plots beside the rows; returns its path."""
     lines = ["# Measured", "", *_machine(rows), *(f"- {line}" for line in left_out), ""]
     for name in STUDIES:
         study = find_study(name)
@@ -46,6 +46,10 @@ def write_report(folder: Path, rows: Sequence[Row], left_out: Sequence[str] = ()
         lines += [f"## {study.title}", ""]
         for text in tables:
             lines += [text, ""]
+        for plot, draw in study.plots.items():
+            path = folder / "plots" / f"{plot.replace(' ', '_')}.png"
+            if draw(path, rows):
+                lines += [f"![{study.title}](plots/{path.name})", ""]
     write_atomically(folder / REPORT_MD, "\n".join(lines).encode())
     return folder / REPORT_MD
 

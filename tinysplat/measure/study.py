@@ -16,6 +16,9 @@ from .show.tables import Table
 from .subjects.cases import Source
 from .subjects.sources import FolderSource
 
+Plot = Callable[[Path, Sequence[Row]], bool]
+"""Draws rows of a run into a PNG file; False where none is its."""
+
 
 @dataclass(frozen=True)
 class Study:
@@ -25,11 +28,13 @@ class Study:
         title: of its part of the report.
         measure: what answers it; rows of one or more names of `Row.study`.
         tables: by name, in the report's order; places in README and docs name them too.
+        plots: by name.
     """
 
     title: str
     measure: Callable[[Run], Iterator[Row]]
     tables: Mapping[str, Table]
+    plots: Mapping[str, Plot] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,7 @@ class Run:
         quick: the short form.
         runtime: with the run's number of threads.
         store: keeps rows as they come.
+        folder: of the report; its plots go to `plots/`.
         sources: a user's own; the built-in ones take their place where there are none.
         paths: as the user gave them.
         models: networks, the first of which codes.
@@ -69,6 +75,7 @@ class Run:
     quick: bool
     runtime: Runtime
     store: RowFile
+    folder: Path
     sources: Sequence[Source] = ()
     paths: Sequence[Path] = ()
     models: Sequence[str] = ()

@@ -1,1 +1,1 @@
-"""How rows are shown: tables, sheets of pictures, reports, and the marked places of README and docs."""
+"""How rows are shown: tables, plots, sheets of pictures, reports, and the marked places of README and docs."""

@@ -1,4 +1,4 @@
-"""Questions: what each measures, and the tables that answer it. No study imports another.
+"""Questions: what each measures, and the tables and plots that answer it. No study imports another.
 
 STUDIES is the one place that lists them, by the words of `tinysplat bench`; a study is imported when it is asked for.
 """
@@ -16,6 +16,7 @@ STUDIES = {
     "list": "lists.LIST",
     "growth": "growth.GROWTH",
     "walk": "walking.WALK",
+    "corners": "corners.CORNERS",
     "poses": "placing.PLACING",
 }
 """By name, where it stands in this package; docs/MEASURING.md says what it asks."""

@@ -9,7 +9,7 @@ more and less finely. With `--drawn`, pictures are drawn and judged at another s
 screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is the largest change between frames,
 in medians of the changes about it.
 
-`walk steps` says of each step the processor seconds that it takes.
+`walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
 """
 
 from __future__ import annotations
@@ -18,13 +18,17 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.recipe.encode import LIST_QP
+from tinysplat_runtime.recipe.prepare import prepared
+from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.stages import sparse
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.near import FEW
@@ -37,12 +41,13 @@ from tinysplat_runtime.system.told import NOBODY
 from ..clock import cpu_of
 from ..metrics import METRICS
 from ..pictures import rescaled
-from ..rows import Row
+from ..rows import Row, grouped, of_study
+from ..show.plots import Panel, save_panels
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
 
-STUDY = "walk"
+STUDY, SPARED = "walk", "walk spared"
 ALONE, LISTED, REFINED = "network alone", "list", "refined walk"
 TRAINER = "OpenSplat"
 """The way of rows by `checks/opensplat.py`, which trains on the same photos."""
@@ -81,14 +86,14 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         pictures, cpu = cpu_of(lambda: list(map(Renderer(gaussians, run.threads).render, cameras)))
         return to_photos(pictures, capture.targets), cpu / len(cameras)
 
-    def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> Row:
-        """A way with what its file is like."""
+    def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> tuple[Row, bytes]:
+        """A way with what its file is like, and the file."""
         data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True))
         decoded, decoding = cpu_of(lambda: runtime.decompress(data))
         pictures, drawing = drawn(decoded)
         figures = {**known.figures, "bytes": len(data), **{_coded(name): value for name, value in pictures.items()}}
         costs = {**known.costs, "coding": coding, "decoding": decoding, "drawing": drawing}
-        return replace(known, figures=figures, costs=costs)
+        return replace(known, figures=figures, costs=costs), data
 
     def walked(given: Scene, asked: int) -> Iterator[Row]:
         """Rows of the network's Gaussians and of every step after it."""
@@ -109,13 +114,14 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             steps.append((REFINED, refined, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
-            done = coded(known, gaussians, LIST_QP if way == LISTED else None)
+            done, data = coded(known, gaussians, LIST_QP if way == LISTED else None)
             swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way not in (ALONE, LISTED) else {}
             yield replace(done, figures={**done.figures, **swing})
         if is_compared:
+            yield Row(SPARED, name, "file", {"photos": photos, "model": model}, _spared(capture, data))
             for qp in QPS:
                 known = replace(known, way=f"{way}, Q_g {qp}")
-                yield coded(known, gaussians, qp)
+                yield coded(known, gaussians, qp)[0]
 
     rows: dict[int, list[Row]] = {}  # of small captures several counts are all photos
     for asked in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
@@ -123,7 +129,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         if asked == COMPARED or len(given.frames) not in rows:
             rows[len(given.frames)] = list(walked(given, asked))
         for known in rows[len(given.frames)]:
-            yield replace(known, setting={**known.setting, "asked": str(asked)})
+            yield known if known.study == SPARED else replace(known, setting={**known.setting, "asked": str(asked)})
     given = found_for(capture.given(COMPARED))
     nearest = [_nearest(given, camera, 2) for camera in cameras]
     pairs = [
@@ -141,6 +147,22 @@ def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
     scores = [{name: metric(picture, frame.judged()) for name, metric in METRICS.items()} for picture, frame in pairs]
     means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
     return {**means, "worst": min(score["psnr"] for score in scores)}
+
+
+def _spared(capture: Capture, data: bytes) -> dict[str, float]:
+    """What a capture does without: photos, planes, colours, and Gaussians behind the surfaces."""
+    file = inspect(data)
+    first, *behind = file["layers"]
+    constant = sum(plane["coding"] == "constant" for plane in file["planes"])
+    return {
+        "photos": len(capture.others.frames),
+        "photos_taken": len(prepared(EncodeRequest(capture.others, size="full")).frames),
+        "planes": len(file["planes"]),
+        "planes_coded": len(file["planes"]) - constant,
+        "colours": 3 * (first["sh_degree"] + 1) ** 2,
+        "colours_coded": first["k"],
+        "behind": sum(layer["gaussians"] for layer in behind) / first["gaussians"],
+    }
 
 
 def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
@@ -232,6 +254,29 @@ def _step(rows: Sequence[Row]) -> str:
     return f"the same at {qp}" if qp else _STEPS[way]
 
 
+def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
+    """dB at photos left out over the seconds of each step, and over the bytes of files of several qualities."""
+    ways = {way: group for (way,), group in grouped(list(filter(_is_step, of_study(rows, STUDY))), "way").items()}
+    if not {LISTED, REFINED} <= set(ways):
+        return False
+    steps, qualities, listed = [], [], []
+    for way, group in ways.items():
+        level, size = (statistics.fmean(row.figures[name] for row in group) for name in ("coded", "bytes"))
+        cpu = statistics.fmean(row.costs["cpu"] for row in group)
+        if way == LISTED:
+            listed = [(cpu, level), (size / 1000, level)]
+        elif way in _STEPS:
+            steps.append((cpu, level))
+        if way.startswith(REFINED):
+            qualities.append((size / 1000, level))
+    label, one = "dB at photos left out", "one list, trained"
+    by_cpu = {"network, depth, correction": sorted(steps), one: listed[:1]}
+    by_size = {"Q_g 12, 6, 0, −6": sorted(qualities), one: listed[1:]}
+    panels = [Panel("each step", "processor seconds", label, by_cpu), Panel("each file", "KB", label, by_size)]
+    save_panels(path, panels)
+    return True
+
+
 WALK = Study(
     "Captures",
     walk_rows,
@@ -258,6 +303,19 @@ WALK = Study(
             by=("way",),
             wanted=_is_step,
         ),
+        SPARED: Listing(
+            SPARED,
+            {
+                "scene": said("subject"),
+                "photos": mean("photos", digits(0)),
+                "taken": mean("photos_taken", digits(0)),
+                "planes": mean("planes", digits(0)),
+                "coded": mean("planes_coded", digits(0)),
+                "colours": mean("colours", digits(0)),
+                "kept": mean("colours_coded", digits(0)),
+                "behind": mean("behind", lambda share: f"{share:.0%}"),
+            },
+        ),
         f"{STUDY} scenes": Listing(
             STUDY,
             {"scene": said("subject"), **_COLUMNS, "CPU s": mean("cpu", digits(0), "costs")},
@@ -274,4 +332,5 @@ WALK = Study(
             wanted=lambda row: row.way in (*_IN_SHORT, TRAINER) and row.setting["asked"] == str(COMPARED),
         ),
     },
+    {f"{STUDY} steps": plot_steps},
 )

@@ -1,0 +1,111 @@
+"""Corners that three photos of a capture agree on, and how far Gaussians' depths are from theirs.
+
+`scene.matches` finds corners that look alike in two photos and lie where the cameras allow. One that a photo shares
+with two others at nearly one depth has a depth that needs no measured one to be right: the one that puts it nearest to
+where these photos show it (Gauss–Newton over inverse depth). They are the easiest pixels of a photo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.matches import corners, depths_of, matched
+from tinysplat_runtime.scene.neighbours import nearest_places, view_places
+from tinysplat_runtime.scene.scenes import Scene
+
+PARTNERS = 8
+"""Nearest photos that a photo's corners are looked for in."""
+
+LEAST_SEEN, ALIKE = 2, 1.3
+"""Other photos that have to show a corner, and how many times the least of their depths the greatest may be."""
+
+ROUNDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class AgreedCorners:
+    """Corners (N) of a photo.
+
+    Attributes:
+        places: (N, 2) pixels, x first.
+        inverse: (N,) inverse depth, per scene unit.
+        seen: (N, P, 2) pixels where partners show them; NaN where one does not.
+        at, by: (N, P, 3) each: a corner of inverse depth w lies in a partner at at + w · by, homogeneous pixels.
+    """
+
+    places: NDArray
+    inverse: NDArray
+    seen: NDArray
+    at: NDArray
+    by: NDArray
+
+    def off(self, inverse: NDArray) -> NDArray:
+        """(N, P) pixels that they lie off in partners if their inverse depths (N,) are these; NaN where not seen."""
+        return np.linalg.norm(_projected(self.at, self.by, inverse)[0] - self.seen, axis=-1)
+
+
+def agreed_corners(scene: Scene) -> list[AgreedCorners]:
+    """Of every photo of a scene with near and far."""
+    cameras = scene.cameras
+    found = [corners(frame.image()) for frame in scene.frames]
+    nearest = nearest_places(view_places(cameras, *scene.depth_range()), min(PARTNERS, len(cameras) - 1))
+    return [_of_photo(i, partners.tolist(), found, cameras) for i, partners in enumerate(nearest)]
+
+
+def _of_photo(own: int, partners: Sequence[int], found: Sequence, cameras: Sequence[Camera]) -> AgreedCorners:
+    camera, places = cameras[own], found[own].places
+    seen, depths = np.full((len(places), len(partners), 2), np.nan), np.full((len(places), len(partners)), np.nan)
+    index = {tuple(place): n for n, place in enumerate(places)}
+    at, by = np.empty((*depths.shape, 3)), np.empty((*depths.shape, 3))
+    rays = np.column_stack([places, np.ones(len(places))]) @ np.linalg.inv(camera.K).T
+    for n, other in enumerate(cameras[partner] for partner in partners):
+        pairs = matched(found[own], found[partners[n]])
+        rows = [index[tuple(place)] for place in pairs[:, :2]]
+        depths[rows, n] = depths_of(pairs, camera, other)
+        seen[rows, n] = pairs[:, 3:5]
+        turn = other.K @ other.rotation
+        at[:, n], by[:, n] = rays @ (turn @ camera.rotation.T).T, turn @ (camera.centre - other.centre)
+    seen[np.isnan(depths)] = np.nan
+    low, high = (
+        pick(depths, axis=1, initial=start, where=depths > 0) for pick, start in ((np.min, np.inf), (np.max, 0))
+    )
+    agreed = (np.count_nonzero(depths > 0, axis=1) >= LEAST_SEEN) & (high <= ALIKE * low)
+    places, seen, at, by, depths = (array[agreed] for array in (places, seen, at, by, depths))
+    inverse = 1 / np.nanmedian(depths, axis=1) if len(depths) else np.empty(0)
+    for _ in range(ROUNDS):
+        shown, z = _projected(at, by, inverse)
+        rest = np.nan_to_num(shown - seen)
+        slope = np.where(np.isnan(seen), 0, (by[..., :2] - shown * by[..., 2:]) / z)
+        inverse = inverse - (slope * rest).sum(axis=(1, 2)) / ((slope * slope).sum(axis=(1, 2)) + 1e-12)
+    ahead = inverse > 0
+    return AgreedCorners(*(array[ahead] for array in (places, inverse, seen, at, by)))
+
+
+def _projected(at: NDArray, by: NDArray, inverse: NDArray) -> tuple[NDArray, NDArray]:
+    """(N, P, 2) pixels and (N, P, 1) their divisor."""
+    point = at + inverse[:, None, None] * by
+    return point[..., :2] / point[..., 2:], point[..., 2:]
+
+
+def corner_errors(agreed: Sequence[AgreedCorners], gaussians: Gaussians) -> tuple[NDArray, NDArray]:
+    """How far a capture's Gaussians (V, H, W) are from the corners of its photos.
+
+    Returns:
+        Of every corner |depth's error| as a share of its depth, and of every place where a partner shows one how many
+        pixels it lies off there by the depth of the Gaussian of its pixel.
+    """
+    errors, off = [], []
+    for view, (of_photo, camera) in enumerate(zip(agreed, gaussians.cameras, strict=True)):
+        column, row = of_photo.places.astype(int).T
+        means = gaussians.means[view, row, column] + gaussians.origin
+        inverse = 1 / ((means - camera.centre) @ camera.rotation[2])
+        errors.append(np.abs(of_photo.inverse / inverse - 1))
+        apart = of_photo.off(inverse)
+        off.append(apart[~np.isnan(apart)])
+    return np.concatenate(errors), np.concatenate(off)
