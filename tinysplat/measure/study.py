@@ -45,6 +45,7 @@ class Options:
         models: networks; empty for all that ship.
         qps: Q_g; empty for the study's own.
         views: numbers of photos; empty for the study's own.
+        limit: the largest list, and lists alone; None for the usual ones.
         size: (height, width) of photos, or None for the study's own.
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
     """
@@ -52,6 +53,7 @@ class Options:
     models: tuple[str, ...] = ()
     qps: tuple[float, ...] = ()
     views: tuple[int, ...] = ()
+    limit: int | None = None
     size: tuple[int, int] | None = None
     drawn: tuple[int, int] | None = None
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from tinysplat_runtime import Runtime, load_scene
+from tinysplat_runtime.codec.list.views import views_about
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.pictures import write_png
@@ -24,7 +26,7 @@ from ..clock import measure_apart
 from ..rows import Row, grouped, of_study
 from ..show.tables import Listing, digits, duration, format_table, kilobytes, mean, megabytes, said
 from ..study import Run, Study
-from ..subjects.made import cloud, cloud_camera
+from ..subjects.made import cloud, cloud_camera, statues
 from ..subjects.room import Motorcycle, Room
 
 Size = tuple[int, int]
@@ -46,16 +48,29 @@ LARGE_CAPTURE = 48
 CLOUDS: Sequence[int] = (131_072, 1_000_000, 3_000_000, 7_000_000)
 CLOUD_PICTURE = (1080, 1920)
 
+LISTS: Sequence[int] = (100_000, 1_000_000, 4_000_000, 10_000_000)
+USUAL_LISTS, QUICK_LISTS = 2, 1
+"""How many of them are done where nobody sets a limit: the others take an hour."""
+
+ALL_KEPT, PRUNED = "all kept", "pruned"
+"""Ways to code lists."""
+
 
 def growth_rows(run: Run) -> Iterator[Row]:
-    """Rows of the studies `growth TASK`, the axis as the subject; of captures alone where their photos are given."""
+    """Rows of the studies `growth TASK`, the axis as the subject; of captures alone where their photos are given, and
+    of lists alone of as many Gaussians as the limit is, where that is given.
+    """
     some = slice(QUICK_SIZES if run.quick else None)
+    if run.options.limit:
+        yield from list_rows(run, [count for count in LISTS if count <= run.options.limit])
+        return
     if run.options.views:
         yield from capture_rows(run, run.options.views)
         return
     yield from photo_rows(run, PHOTO_SIZES[some])
     yield from capture_rows(run, CAPTURES[some])
     yield from cloud_rows(run, CLOUDS[some])
+    yield from list_rows(run, LISTS[: QUICK_LISTS if run.quick else USUAL_LISTS])
 
 
 def photo_rows(run: Run, sizes: Sequence[Size]) -> Iterator[Row]:
@@ -93,6 +108,21 @@ def cloud_rows(run: Run, counts: Sequence[int], picture: Size = CLOUD_PICTURE) -
         setting = {"x": count, "threads": run.threads}
         row = Row(f"growth clouds, {way}", "Gaussians", f"{count} at {width}×{height}", setting)
         yield _measured(row, "draw_cloud", count, height, width, run.threads)
+
+
+def list_rows(run: Run, counts: Sequence[int]) -> Iterator[Row]:
+    """Rows `growth lists, WAY` in, out and drawn: made statues to a file, the file to Gaussians, and these to a
+    picture.
+    """
+    for count in counts:
+        for way in (ALL_KEPT, PRUNED):
+            with tempfile.TemporaryDirectory() as folder:
+                for task in ("in", "out", "drawn"):
+                    setting = {"x": count, "threads": run.threads}
+                    row = Row(f"growth lists, {way}, {task}", "Gaussians", str(count), setting)
+                    yield (row := _measured(row, f"list_{task}", folder, count, way, run.threads))
+                    if row.note:
+                        break
 
 
 def _measured(row: Row, task: str, *arguments: object) -> Row:
@@ -158,6 +188,41 @@ def render_photos(folder: str, threads: str) -> Work:
     return work
 
 
+def list_in(folder: str, count: str, way: str, threads: str) -> Work:
+    """A task: so many Gaussians of degree 3 to a file there."""
+    gaussians, runtime = statues(int(count)), Runtime(threads=int(threads))
+    runtime.compress(statues(100), keep_all=True)  # loads what is compiled
+
+    def work() -> dict[str, int]:
+        data = runtime.compress(gaussians, keep_all=way == ALL_KEPT)
+        (Path(folder) / "f.tsplat").write_bytes(data)
+        return {"bytes": len(data)}
+
+    return work
+
+
+def list_out(folder: str, count: str, way: str, threads: str) -> Work:
+    """A task: that file to Gaussians."""
+
+    def work() -> dict[str, int]:
+        found = Runtime(threads=int(threads)).decompress((Path(folder) / "f.tsplat").read_bytes())
+        return {"gaussians": found.count}
+
+    return work
+
+
+def list_drawn(folder: str, count: str, way: str, threads: str) -> Work:
+    """A task: that file's Gaussians to a picture of all of them, prepared for that one."""
+    gaussians = Runtime(threads=int(threads)).decompress((Path(folder) / "f.tsplat").read_bytes())
+    camera = views_about(gaussians, 1)[0].resized(*CLOUD_PICTURE)
+    Renderer(statues(100), int(threads), keep=False).render(camera, (16, 16))  # loads what is compiled
+
+    def work() -> None:
+        Renderer(gaussians, int(threads), keep=False).render(camera)
+
+    return work
+
+
 # ---- shown --------------------------------------------------------------------------------------------------------
 
 
@@ -168,17 +233,26 @@ AXES = {
 }
 """What grows, by study and axis, in the order of the table."""
 
+LIST_AXES = {
+    ("growth lists, all kept, in", "Gaussians"): "Gaussians of degree 3 to a file, all kept",
+    ("growth lists, all kept, out", "Gaussians"): "the file to Gaussians",
+    ("growth lists, all kept, drawn", "Gaussians"): "these to a picture",
+    ("growth lists, pruned, in", "Gaussians"): "Gaussians of degree 3 to a file, by default",
+    ("growth lists, pruned, out", "Gaussians"): "the file to Gaussians",
+    ("growth lists, pruned, drawn", "Gaussians"): "these to a picture",
+}
 
-def growth_table(rows: Sequence[Row]) -> str:
-    """A line per axis: from where to where, seconds (of processors for captures) and peak memory there, and
+
+def growth_table(rows: Sequence[Row], axes: Mapping[tuple[str, str], str] = AXES) -> str:
+    """A line per axis: from where to where, seconds (of processors for captures and lists) and peak memory there, and
     by what power seconds grow.
     """
     growing, lines = grouped((row for row in rows if row.costs), "study", "subject"), []
-    for (study, axis), label in AXES.items():
+    for (study, axis), label in axes.items():
         members = sorted(growing.get((study, axis), []), key=lambda row: row.setting["x"])
         if len(members) < 2:
             continue
-        clock = "cpu" if study == "growth captures" else "seconds"
+        clock = "cpu" if study.startswith(("growth captures", "growth lists")) else "seconds"
         first, middle, last = (members[n] for n in (0, (len(members) - 1) // 2, -1))
         lines.append(
             [
@@ -245,6 +319,7 @@ GROWTH = Study(
     growth_rows,
     {
         "growth in short": growth_table,
+        "growth lists": partial(growth_table, axes=LIST_AXES),
         "growth captures": capture_table,
         "growth photos": photo_line,
         "phone": Listing(

@@ -10,6 +10,7 @@ smooth field, picture and fine noise are set by eye, and by the sizes and dB tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -141,3 +142,41 @@ def cloud_camera(height: int, width: int) -> Camera:
     """At the origin of a `cloud`, a right angle wide."""
     K = np.array([[width / 2, 0, width / 2], [0, width / 2, height / 2], [0, 0, 1]])
     return Camera(K, np.eye(4), width, height)
+
+
+STATUE = 25_000
+"""Gaussians of a made statue."""
+
+
+def statues(count: int) -> Gaussians:
+    """Copies of a statue beside one another in a square, so many Gaussians of SH degree 3: an object seen from outside,
+    larger the more there are.
+    """
+    copies = -(-count // STATUE)
+    side = math.ceil(math.sqrt(copies))
+    one = _statue()
+    arrays = {name: np.tile(values, (copies, *[1] * (values.ndim - 1)))[:count] for name, values in one.items()}
+    number = np.repeat(np.arange(copies), STATUE)[:count]
+    arrays["means"] += np.float32(2.5) * np.stack([number % side, 0 * number, number // side], axis=-1)
+    return Gaussians.unchecked(**arrays)
+
+
+def _statue() -> dict[str, NDArray]:
+    """A ball with bumps, of discs of one size that lie along it."""
+    rng, n = np.random.default_rng(0), np.arange(STATUE)
+    height, turn = 1 - (2 * n + 1) / STATUE, n * math.pi * (3 - math.sqrt(5))
+    flat = np.sqrt(1 - height * height)
+    towards = np.stack([flat * np.cos(turn), height, flat * np.sin(turn)], axis=-1)
+    bumps = np.sin(5 * towards[:, 0]) * np.sin(7 * towards[:, 1]) + np.sin(9 * towards[:, 2] + 3 * towards[:, 0])
+    stripes = np.sin(towards @ (20 * rng.standard_normal((3, 3))))
+    size = math.sqrt(4 * math.pi / STATUE) * np.exp(0.3 * rng.standard_normal((STATUE, 3)))
+    sh = 0.04 * rng.standard_normal((STATUE, 16, 3))
+    sh[:, 0] = 0.8 * stripes + 0.3 * bumps[:, None]
+    arrays = {
+        "means": (1 + 0.1 * bumps[:, None]) * towards,
+        "quats": np.concatenate([1 + towards[:, 2:], np.cross([0, 0, 1], towards)], axis=1),  # turns z outwards
+        "scales": 0.8 * size * [1, 1, 0.15],
+        "opacities": 1 / (1 + np.exp(-2 - 2 * rng.standard_normal(STATUE))),
+        "sh": sh,
+    }
+    return {name: values.astype(np.float32) for name, values in arrays.items()}
