@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from scenes import write_scene
 
-from tinysplat_runtime.system.blas import symmetric_eigen
+from tinysplat_runtime.system.blas import single_thread, symmetric_eigen
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
@@ -24,6 +25,28 @@ def test_eigenvectors_are_orthonormal_and_diagonalise(side, rank, scale):
     np.testing.assert_allclose(vectors.T @ vectors, np.eye(side), atol=1e-14)
     np.testing.assert_allclose(vectors * values @ vectors.T, matrix, atol=1e-14 * np.abs(matrix).max())
     np.testing.assert_allclose(values, np.linalg.eigvalsh(matrix), atol=1e-14 * np.abs(matrix).max())
+
+
+def test_degenerate_matrices_have_eigenvectors_too():
+    for matrix in (np.zeros((3, 3)), np.eye(4), np.ones((4, 4)), np.diag([3.0, 1.0, 3.0])):
+        values, vectors = symmetric_eigen(matrix)
+        assert (np.diff(values) >= 0).all()
+        np.testing.assert_allclose(matrix @ vectors, vectors * values, atol=1e-14)
+
+
+def test_a_block_on_one_thread_gives_back_those_there_were():
+    libraries = list((Path(np.__file__).parents[1] / "numpy.libs").glob("*openblas*"))
+    if not libraries:
+        pytest.skip("numpy without OpenBLAS keeps its threads")
+    library = ctypes.CDLL(str(libraries[0]))
+    threads, put = library.scipy_openblas_get_num_threads64_, library.scipy_openblas_set_num_threads64_
+    usual = threads()
+    put(2)
+    with pytest.raises(ZeroDivisionError), single_thread():
+        assert threads() == 1
+        raise ZeroDivisionError
+    assert threads() == 2
+    put(usual)
 
 
 ENCODE = """

@@ -77,6 +77,13 @@ def test_quiet_work_is_silent(said: Callable[[bool], io.StringIO]) -> None:
     assert stream.getvalue() == ""
 
 
+def test_all_items_come_beside_a_bar(said: Callable[[bool], io.StringIO], monkeypatch: pytest.MonkeyPatch) -> None:
+    tqdm = pytest.importorskip("tqdm")
+    said(terminal=True)
+    monkeypatch.setitem(sys.modules, "tqdm", tqdm)
+    assert list(progress(range(3), 3, "render", quiet=False)) == [0, 1, 2]
+
+
 def alike(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.full(count, 3.0)
 

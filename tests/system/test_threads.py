@@ -36,6 +36,11 @@ def test_an_error_reaches_the_caller_and_ends_the_work(threads, bad):
     assert crew.map(str, range(3)) == ["0", "1", "2"]  # and it can work again
 
 
+def test_a_job_may_share_out_work_of_its_own():
+    crew = Crew(2)
+    assert crew.map(lambda n: sum(crew.map(lambda m: n * m, range(4))), range(4)) == [0, 6, 12, 18]
+
+
 def test_cores_are_those_that_this_process_may_use(monkeypatch):
     monkeypatch.setattr(
         os, "sched_getaffinity", lambda process: {1, 4, 6} if process == 0 else {process}, raising=False
