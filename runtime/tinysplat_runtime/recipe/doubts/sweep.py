@@ -13,6 +13,9 @@ import numpy as np
 from ...scene.look import PLANES, CostVolume, consistency, cost_volumes, neighbours
 from .seen import Seen
 
+HARDLY = 0.1
+"""Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere."""
+
 ALIKE = 0.25
 """Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
 0.26 to 0.73; where one photo is another scene's, nine of ten have less."""
@@ -55,7 +58,8 @@ def range_doubts(seen: Seen) -> list[str]:
 
 
 def _match(seen: Seen, volumes: Sequence[CostVolume]) -> bool:
-    """Whether pixels of any photo have most often the depth that those of the one nearest to it have, too."""
+    """Whether pixels tell their depth, and any photo most often the depth that the one nearest to it has, too."""
     cameras = seen.cameras
     nearest = enumerate(neighbours(cameras)[:, 0])
-    return max(consistency(volumes[v], cameras[v], volumes[u], cameras[u]) for v, u in nearest) >= ALIKE
+    alike = max(consistency(volumes[v], cameras[v], volumes[u], cameras[u]) for v, u in nearest)
+    return alike >= ALIKE and max(volume.confident.mean() for volume in volumes) >= HARDLY
