@@ -28,34 +28,22 @@ from tinysplat.measure.clock import cpu_of
 from tinysplat.measure.rows import Row
 from tinysplat.measure.studies.walking import COMPARED, STUDY, TRAINER, to_photos
 from tinysplat.measure.subjects.captures import Capture, found_for
+from tinysplat.measure.subjects.corners import agreed_corners
 from tinysplat_runtime.render import DEFINITION, Renderer
-from tinysplat_runtime.scene.matches import corners, depths_of, matched
-from tinysplat_runtime.scene.neighbours import nearest_places, view_places
 from tinysplat_runtime.scene.pictures import write_png
 
 SIDE = 256
-PARTNERS, ALIKE = 8, 1.3
-"""Nearest photos that a photo's corners are looked for in, and how many times the least depth the greatest may be."""
 
 
 def corner_points(scene: ts.Scene) -> tuple[NDArray, NDArray]:
     """World places (N, 3) of corners whose depth three photos agree on, and their colours (N, 3) uint8."""
-    cameras, found = scene.cameras, [corners(frame.image()) for frame in scene.frames]
-    nearest = nearest_places(view_places(cameras, *scene.depth_range()), min(PARTNERS, len(cameras) - 1))
     places, colours = [], []
-    for frame, own, partners in zip(scene.frames, found, nearest, strict=True):
-        depths: dict[tuple[float, float], list[float]] = {}
-        for partner in partners:
-            pairs = matched(own, found[partner])
-            for place, depth in zip(pairs, depths_of(pairs, frame.camera, cameras[partner]), strict=True):
-                if depth > 0:
-                    depths.setdefault(tuple(place[:2]), []).append(depth)
-        for (x, y), known in depths.items():
-            if len(known) > 1 and max(known) < ALIKE * min(known):
-                ray = np.linalg.solve(frame.camera.K, (x, y, 1))
-                places.append(np.median(known) * ray @ frame.camera.rotation + frame.camera.centre)
-                colours.append((255 * frame.image()[int(y), int(x)]).round().astype(np.uint8))
-    return np.stack(places), np.stack(colours)
+    for frame, agreed in zip(scene.frames, agreed_corners(scene), strict=True):
+        rays = np.column_stack([agreed.places, np.ones(len(agreed.places))]) @ np.linalg.inv(frame.camera.K).T
+        places.append(rays / agreed.inverse[:, None] @ frame.camera.rotation + frame.camera.centre)
+        column, row = agreed.places.astype(int).T
+        colours.append((255 * frame.image()[row, column]).round().astype(np.uint8))
+    return np.concatenate(places), np.concatenate(colours)
 
 
 def write_project(folder: Path, scene: ts.Scene) -> None:
