@@ -53,7 +53,7 @@ def textures() -> np.ndarray:
 
 def test_exact_depth_carries_pixels_to_where_another_view_shows_the_same(textures: np.ndarray) -> None:
     errors, guesses = [], []
-    for seed in range(4):
+    for seed in range(8, 12):  # of scenes in which a wrong depth shows
         sample = procedural_sample(np.random.default_rng(seed), textures, 64, 2, [64])
         assert sample.depth is not None
         row, column = np.mgrid[:64, :64] + 0.5

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .samples import Sample
-from .tracer import BOX, ELLIPSOID, ROOM, Primitives, trace
+from .tracer import BOX, ELLIPSOID, ROOM, Primitive, trace
 
 _RAYS = 2
 """Rays per pixel along each axis."""
@@ -27,39 +27,33 @@ class _Builder:
 
     Attributes:
         rng: of the scene.
-        textures: how many there are.
+        textures: (T, S, S, 3) uint8.
         focal: pixels; textures are as fine as pixels at their distance, more or less.
     """
 
     rng: np.random.Generator
-    textures: int
+    textures: NDArray
     focal: float
-    rows: dict[str, list[Any]] = field(default_factory=lambda: {name: [] for name in Primitives.__annotations__})
+    primitives: list[Primitive] = field(default_factory=list)
 
     def add(self, kind: int, centre: NDArray, rotation: NDArray, extent: NDArray, **looks: Any) -> None:
-        """One primitive; `looks` replaces what would be drawn at random for texture, gain, bias or gloss."""
+        """One primitive; `looks` replaces what would be drawn at random for texture, gain or bias."""
         rng = self.rng
         contrast = rng.uniform(0.05, 0.4) if rng.random() < 0.25 else rng.uniform(0.6, 1.1)
         distance = max(abs(centre[2]), 1.5)
-        row = {
-            "kind": kind,
-            "centre": centre,
-            "rotation": rotation.T,
-            "extent": np.maximum(extent, 0.008),
-            "texture": rng.integers(self.textures),
+        drawn = {
+            "texture": self.texture(),
             "density": self.focal / distance * math.exp(rng.normal(-0.05, 0.4)),
             "shift": rng.random(2) * 400 + 4000,
             "gain": contrast,
             "bias": (1 - contrast) * rng.random(3) * 0.9 + rng.normal(0, 0.04, 3),
             "gloss": rng.uniform(0.1, 0.6) if rng.random() < 0.1 else 0.0,
         }
-        for name, value in {**row, **looks}.items():
-            self.rows[name].append(value)
+        self.primitives.append(Primitive(kind, centre, rotation.T, np.maximum(extent, 0.008), **{**drawn, **looks}))
 
-    def build(self) -> Primitives:
-        """All of them as arrays."""
-        types = {"kind": np.int64, "texture": np.int64}
-        return Primitives(**{k: np.array(v, types.get(k, np.float32)) for k, v in self.rows.items()})
+    def texture(self) -> NDArray:
+        """One of them."""
+        return self.textures[self.rng.integers(len(self.textures))]
 
 
 def euler(roll: float, yaw: float, pitch: float) -> NDArray:
@@ -86,16 +80,15 @@ def procedural_sample(
     focal = rng.uniform(0.75, 1.8) * side
     K = np.array([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1]])
     K[:2, 2] += rng.normal(0, 0.03 * side, 2)
-    builder = _Builder(rng, len(textures), focal)
+    builder = _Builder(rng, textures, focal)
     depth = _furnish(builder, side / focal)
-    primitives = builder.build()
     cameras = _cameras(rng, depth, views, len(target_sides))
     light = rng.normal(size=3)
     light /= np.linalg.norm(light)
     images, intrinsics, depths = [], [], []
     for c2w, size in zip(cameras, [side] * views + list(target_sides), strict=True):
         intrinsics.append(np.diag([size / side, size / side, 1]) @ K)
-        image, z = trace(primitives, textures, light, intrinsics[-1], c2w, size, _RAYS)
+        image, z = trace(builder.primitives, light, intrinsics[-1], c2w, size, _RAYS)
         images.append(image)
         depths.append(z)
     images = _photographed(rng, images)
@@ -168,7 +161,7 @@ def _fence(b: _Builder, spread: float) -> None:
     bars, gap = rng.integers(4, 16), rng.uniform(0.04, 0.12) * z * spread
     turn = euler(*rng.normal(0, [0.8, 0.4, 0.2]))
     extent = np.array([rng.uniform(0.1, 0.25) * gap, rng.uniform(0.2, 0.8) * z * spread, 0.2 * gap])
-    looks = {"texture": rng.integers(b.textures), "gain": rng.uniform(0.1, 0.7), "bias": rng.random(3) * 0.4}
+    looks = {"texture": b.texture(), "gain": rng.uniform(0.1, 0.7), "bias": rng.random(3) * 0.4}
     middle = _place(b, z, 0.6 * spread)
     kind = ELLIPSOID if rng.random() < 0.4 else BOX
     for i in range(bars):
@@ -180,7 +173,7 @@ def _clutter(b: _Builder, spread: float) -> None:
     rng = b.rng
     z = rng.uniform(2, 4.5)
     middle, size = _place(b, z, 0.7 * spread), rng.uniform(0.1, 0.3) * z * spread
-    looks = {"texture": rng.integers(b.textures), "gain": rng.uniform(0.3, 1.0)}
+    looks = {"texture": b.texture(), "gain": rng.uniform(0.3, 1.0)}
     for _ in range(rng.integers(12, 40)):
         extent = size * rng.uniform(0.05, 0.3, 3) * np.array([1, 1, 0.1])
         b.add(ELLIPSOID, middle + rng.normal(0, 0.5 * size, 3), euler(*rng.normal(0, 1.0, 3)), extent, **looks)

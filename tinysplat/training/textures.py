@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.images import PHOTO_SUFFIXES, read_image
 from tinysplat_runtime.scene.resampling import resize_cover
 
 SIZE = 192
@@ -22,19 +22,16 @@ PHOTOS = (
 """Pictures of scikit-image, all CC0 or in the public domain; those that would have to be fetched are left out."""
 
 CROPS = 8
-"""Crops of a picture of scikit-image at each of two scales, and of a further picture."""
+"""Crops of a picture that is no scene's photo; of those there are many alike, and one crop of each is taken."""
 
-PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
-
-
-SCALED_SIDES = (240, 800)
-"""Shorter sides, pixels, that further pictures are scaled to before they are cut up."""
+LARGEST_SIDE = 800
+"""Shorter side, pixels, that pictures are scaled to at most before they are cut up."""
 
 
 def texture_bank(
     folders: Sequence[Path], count: int, rng: np.random.Generator, pictures: Path | None = None
 ) -> NDArray:
-    """Textures (count, SIZE, SIZE, 3) uint8: at most half of them crops of photos, the others patterns.
+    """Textures (count, SIZE, SIZE, 3) uint8: at most two thirds of them crops of photos, the others patterns.
 
     Args:
         folders: scene folders whose photos may be cut up; photos that cannot be read are passed over.
@@ -45,72 +42,52 @@ def texture_bank(
     Raises:
         InputError: there is no picture in that folder.
     """
-    crops = [*_skimage_crops(rng), *_photo_crops(folders, rng), *_picture_crops(pictures, rng)]
+    photos = (path for folder in folders for path in sorted(folder.glob("images/*")))
+    crops = [*_crops(_skimage_photos(), CROPS, rng), *_crops(_readable(photos), 1, rng)]
+    if pictures is not None:
+        files = [path for path in sorted(pictures.rglob("*")) if path.suffix.lower() in PHOTO_SUFFIXES]
+        further = list(_crops(_readable(files), CROPS, rng))
+        if not further:
+            raise InputError("no picture that can be read, expected a folder with some", where=str(pictures))
+        crops += further
     chosen = [crops[i] for i in rng.permutation(len(crops))[: (2 * count) // 3]]
     patterns = [_PATTERNS[rng.integers(len(_PATTERNS))](rng) for _ in range(count - len(chosen))]
     return np.stack([*chosen, *(np.clip(pattern, 0, 255).astype(np.uint8) for pattern in patterns)])
 
 
-def _crop(picture: NDArray, rng: np.random.Generator) -> NDArray:
-    top, left = (rng.integers(0, size - SIZE + 1) for size in picture.shape[:2])
-    return picture[top : top + SIZE, left : left + SIZE]
+def _crops(pictures: Iterable[NDArray], count: int, rng: np.random.Generator) -> Iterator[NDArray]:
+    """So many crops (SIZE, SIZE, 3) uint8 of each picture, every one at a scale of its own."""
+    for picture in pictures:
+        shorter = min(picture.shape[:2])
+        for _ in range(count):
+            scale = rng.integers(SIZE, max(SIZE, min(shorter, LARGEST_SIDE)) + 1) / shorter
+            height, width = (max(SIZE, round(scale * size)) for size in picture.shape[:2])
+            top, left = rng.integers(0, (height - SIZE + 1, width - SIZE + 1))
+            scaled = resize_cover(picture, height, width)[top : top + SIZE, left : left + SIZE]
+            yield (255 * scaled).round().astype(np.uint8)
 
 
-def _photo_crops(folders: Sequence[Path], rng: np.random.Generator) -> list[NDArray]:
-    crops = []
-    for folder in folders:
-        for path in sorted(folder.glob("images/*")):
-            try:
-                picture = read_image(path)
-            except InputError:
-                continue
-            if min(picture.shape[:2]) >= SIZE:
-                crops.append(_crop(picture, rng))
-    return crops
+def _readable(paths: Iterable[Path]) -> Iterator[NDArray]:
+    """Pictures (H, W, 3) uint8 of files that are some."""
+    for path in paths:
+        try:
+            yield read_image(path)
+        except (InputError, OSError):
+            continue
 
 
-def _skimage_crops(rng: np.random.Generator) -> list[NDArray]:
-    """Crops of scikit-image's own photos, none where it is not installed."""
+def _skimage_photos() -> Iterator[NDArray]:
+    """Photos (H, W, 3) uint8 that come with scikit-image, none where it is not installed."""
     try:
         import skimage.data
-        from PIL import Image
     except ImportError:
-        return []
-    crops = []
+        return
     for name in PHOTOS:
         try:
             picture = np.asarray(getattr(skimage.data, name)())
         except Exception:  # a picture that is not part of the package wants pooch and a network, in many ways
             continue
-        if picture.ndim == 2:
-            picture = np.repeat(picture[..., None], 3, axis=2)
-        photo = Image.fromarray(picture[..., :3])
-        for scale in (1.0, 0.5):
-            width, height = int(photo.width * scale), int(photo.height * scale)
-            if min(width, height) >= SIZE:
-                scaled = np.asarray(photo.resize((width, height), Image.Resampling.LANCZOS))
-                crops += [_crop(scaled, rng) for _ in range(CROPS)]
-    return crops
-
-
-def _picture_crops(folder: Path | None, rng: np.random.Generator) -> list[NDArray]:
-    """Crops of photos of any size, each at `CROPS` random scales."""
-    crops = []
-    for path in sorted(folder.rglob("*")) if folder else []:
-        if path.suffix.lower() not in PICTURE_SUFFIXES:
-            continue
-        try:
-            picture = read_image(path)
-        except (InputError, OSError):
-            continue
-        for _ in range(CROPS):
-            side = int(rng.integers(*SCALED_SIDES))
-            shrink = side / min(picture.shape[:2])
-            size = (max(SIZE, round(shrink * picture.shape[0])), max(SIZE, round(shrink * picture.shape[1])))
-            crops.append(_crop((255 * resize_cover(picture, *size)).round().astype(np.uint8), rng))
-    if folder is not None and not crops:
-        raise InputError("no picture that can be read, expected a folder with some", where=str(folder))
-    return crops
+        yield picture[..., :3] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
 
 
 def _colour(rng: np.random.Generator) -> NDArray:

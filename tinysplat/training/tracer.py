@@ -1,16 +1,11 @@
-"""Ray casting of textured boxes, ellipsoids and rooms with exact depth, compiled with numba for one thread.
-
-Needs the package numba.
-"""
+"""Ray casting of textured boxes, ellipsoids and rooms with exact depth."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 BOX, ELLIPSOID, ROOM = 0, 1, 2
@@ -22,58 +17,46 @@ NEAREST = 0.1
 AMBIENT = 0.7
 """Share of light that comes from everywhere."""
 
-_F: Any = np.float32  # compiled code mixes it with float, which numpy's annotations do not allow
-_NOTHING = _F(1e8)
-
-# Columns of the packed geometry and looks of primitives
-_CENTRE, _EXTENT, _ROTATION = 0, 3, 6
-_DENSITY, _SHIFT, _GAIN, _BIAS, _GLOSS = 0, 1, 3, 4, 7
+SHINE = 16
+"""Exponent of highlights."""
 
 
-@dataclass(frozen=True)
-class Primitives:
-    """What a procedural scene is made of; float32 unless stated.
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """A thing of a scene.
 
     Attributes:
-        kind: (P,) int64.
-        centre: (P, 3).
-        rotation: (P, 3, 3), rows are the primitive's axes in the world.
-        extent: (P, 3) half sides or half axes.
-        texture: (P,) int64 index into the bank.
-        density: (P,) texture pixels per scene unit.
-        shift: (P, 2) texture pixels.
-        gain: (P,) factor on the texture's values.
-        bias: (P, 3) added to them.
-        gloss: (P,) strength of the highlight.
+        kind: of the three.
+        centre: (3,).
+        rotation: (3, 3), rows are its axes in the world.
+        extent: (3,) half sides or half axes.
+        texture: (S, S, 3) uint8, continued by reflection.
+        density: texture pixels per scene unit.
+        shift: (2,) texture pixels.
+        gain: factor on the texture's values.
+        bias: (3,) added to them.
+        gloss: strength of the highlight.
     """
 
-    kind: NDArray
+    kind: int
     centre: NDArray
     rotation: NDArray
     extent: NDArray
     texture: NDArray
-    density: NDArray
+    density: float
     shift: NDArray
-    gain: NDArray
+    gain: float
     bias: NDArray
-    gloss: NDArray
-
-    def packed(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Kind and texture (P, 2) int64, geometry (P, 15) and looks (P, 8) float32."""
-        ids = np.stack([self.kind, self.texture], axis=1)
-        geometry = np.concatenate([self.centre, self.extent, self.rotation.reshape(-1, 9)], axis=1)
-        looks = [self.density[:, None], self.shift, self.gain[:, None], self.bias, self.gloss[:, None]]
-        return ids, geometry.astype(_F), np.concatenate(looks, axis=1).astype(_F)
+    gloss: float
 
 
 def trace(
-    primitives: Primitives, textures: NDArray, light: NDArray, K: NDArray, c2w: NDArray, side: int, samples: int
+    primitives: Sequence[Primitive], light: NDArray, K: NDArray, c2w: NDArray, side: int, samples: int
 ) -> tuple[NDArray, NDArray]:
     """Take a square picture.
 
     Args:
         primitives: the scene.
-        textures: (T, S, S, 3) uint8, continued by reflection.
         light: (3,) unit direction towards the light.
         K: (3, 3) pixels.
         c2w: (4, 4).
@@ -84,170 +67,84 @@ def trace(
         Picture (side, side, 3) float32 in [0, 1], and z (side, side) of a ray near each pixel's centre; 0 where
         nothing was hit.
     """
-    image, depth = np.zeros((side, side, 3), _F), np.zeros((side, side), _F)
-    camera = np.concatenate([c2w[:3, :3], c2w[:3, 3:], np.linalg.inv(K), light[:, None]], axis=1)  # (3, 8)
-    _trace(*primitives.packed(), textures, camera.astype(_F), samples, image, depth)
-    return image, depth
+    size, scale = side * samples, np.array([samples, samples, 1])[:, None]
+    at = np.arange(size, dtype=np.float32) + np.float32(0.5)
+    pixels = np.stack([*np.meshgrid(at, at), np.ones((size, size), np.float32)])
+    rays = _turned(c2w[:3, :3] @ np.linalg.inv(scale * K), pixels)  # (3, h, w), z = 1 in the camera's frame
+    depth, colours = np.full((size, size), np.inf, np.float32), np.zeros((3, size, size), np.float32)
+    hit, axes = np.full((size, size), -1), np.zeros((size, size), np.int8)  # which primitive, and which of its axes
+    for number, one in enumerate(primitives):
+        part = _shown(one, scale * K, c2w, size)
+        found, axis = _hit(one, c2w[:3, 3], rays[(slice(None), *part)])
+        nearer = (found >= NEAREST) & (found < depth[part])
+        for values, new in ((depth, found), (hit, number), (axes, axis)):
+            np.copyto(values[part], new, where=nearer)
+    for number, one in enumerate(primitives):
+        mine = hit == number
+        if mine.any():
+            colours[:, mine] = _shade(one, c2w[:3, 3], rays[:, mine], depth[mine], axes[mine], light)
+    picture = colours.reshape(3, side, samples, side, samples).mean(axis=(2, 4)).transpose(1, 2, 0)
+    return picture, np.where(np.isfinite(depth), depth, 0)[samples // 2 :: samples, (samples - 1) // 2 :: samples]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _reflected(position: float, size: int) -> int:
-    """Texture index with the texture mirrored at its borders."""
-    period = 2 * size - 2
-    i = int(position) % period
-    return period - i if i >= size else i
+def _turned(matrix: NDArray, vectors: NDArray) -> NDArray:
+    """Vectors (3, …) float32 by a matrix (3, 3)."""
+    return np.tensordot(matrix.astype(np.float32), vectors, 1)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _hit_ellipsoid(origin: NDArray, ray: NDArray, extent: NDArray) -> float:
-    """Depth of the first hit of a ray in the ellipsoid's frame, or a huge number."""
-    a, b, c = _F(0), _F(0), _F(-1)
-    for k in range(3):
-        e = _F(1) / (extent[k] * extent[k])
-        a += ray[k] * ray[k] * e
-        b += origin[k] * ray[k] * e
-        c += origin[k] * origin[k] * e
-    inside = b * b - a * c
-    return (-b - math.sqrt(inside)) / a if inside > 0 else _NOTHING
+def _shown(one: Primitive, K: NDArray, c2w: NDArray, size: int) -> tuple[slice, slice]:
+    """Rows and columns of a picture that may show a primitive: those of the cube about it that faces the camera."""
+    x, y, z = (one.centre - c2w[:3, 3]) @ c2w[:3, :3]
+    radius = np.linalg.norm(one.extent)
+    if z - radius < NEAREST:
+        return np.s_[:size], np.s_[:size]
+    corners = [(x + i * radius, y + j * radius, z + k * radius) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]
+    shown = np.array(corners) @ K.T
+    ends = shown[:, :2] / shown[:, 2:]
+    (left, top), (right, bottom) = (side.clip(0, size).astype(int) for side in (ends.min(0), ends.max(0) + 1))
+    return np.s_[top:bottom], np.s_[left:right]
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _hit_box(origin: NDArray, ray: NDArray, extent: NDArray, from_inside: bool) -> tuple[float, int]:
-    """Depth of the first hit of a ray in the box's frame, or a huge number, and the axis of the face."""
-    enter, leave, enter_axis, leave_axis = -_NOTHING, _NOTHING, 0, 0
-    for k in range(3):
-        inverse = _F(1) / (ray[k] if abs(ray[k]) > _F(1e-7) else _F(1e-7))
-        one, two = (-extent[k] - origin[k]) * inverse, (extent[k] - origin[k]) * inverse
-        if min(one, two) > enter:
-            enter, enter_axis = min(one, two), k
-        if max(one, two) < leave:
-            leave, leave_axis = max(one, two), k
-    if enter > leave:
-        return _NOTHING, 0
-    return (leave, leave_axis) if from_inside else (enter, enter_axis)
+def _hit(one: Primitive, eye: NDArray, rays: NDArray) -> tuple[NDArray, NDArray | int]:
+    """Depth (h, w) of the first hit of rays (3, h, w), infinite or less than nothing without one, and the face's axis.
 
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _texel(page: NDArray, u: float, v: float, out: NDArray) -> None:
-    """Read a texture at (u, v) pixels, bilinear."""
-    size = page.shape[0]
-    fu, fv = u - math.floor(u), v - math.floor(v)
-    i0, i1, j0, j1 = _reflected(u, size), _reflected(u + 1, size), _reflected(v, size), _reflected(v + 1, size)
-    for k in range(3):
-        top = (1 - fu) * page[j0, i0, k] + fu * page[j0, i1, k]
-        bottom = (1 - fu) * page[j1, i0, k] + fu * page[j1, i1, k]
-        out[k] = ((1 - fv) * top + fv * bottom) / _F(255)
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _shade(
-    at: NDArray, axis: int, geometry: NDArray, looks: NDArray, page: NDArray, light: NDArray, ray: NDArray, out: NDArray
-) -> None:
-    """Colour of a hit: texture, Lambert's law beside ambient light, and a highlight about the mirrored light.
-
-    Args:
-        at: (3,) place in the primitive's frame.
-        axis: of the face; −1 on an ellipsoid.
-        geometry, looks: rows of the primitive.
-        page: its texture.
-        light: (3,) towards the light.
-        ray: (3,) viewing ray in the world.
-        out: (3,) becomes the colour.
+    An ellipsoid has no axis: −1.
     """
-    normal = np.zeros(3, np.float32)
-    if axis < 0:
-        u, v = math.atan2(at[0], at[2]) * geometry[_EXTENT], at[1]
-        for k in range(3):
-            normal[k] = at[k] / (geometry[_EXTENT + k] * geometry[_EXTENT + k])
+    origin, local = (_turned(one.rotation, vectors) for vectors in ((eye - one.centre).astype(np.float32), rays))
+    extent = one.extent.astype(np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if one.kind == ELLIPSOID:
+            origin, local = origin / extent, local / extent[:, None, None]
+            a, b, c = (local * local).sum(axis=0), np.tensordot(origin, local, 1), origin @ origin - 1
+            return np.nan_to_num((-b - np.sqrt(b * b - a * c)) / a, nan=np.inf), -1
+        first, second = (((sign * extent - origin)[:, None, None] / local) for sign in (-1, 1))
+        near, far = np.minimum(first, second), np.maximum(first, second)
+        enter, leave = near.max(axis=0), far.min(axis=0)
+        depth, axis = (leave, far.argmin(axis=0)) if one.kind == ROOM else (enter, near.argmax(axis=0))
+        return np.where(enter <= leave, depth, np.inf), axis
+
+
+def _shade(one: Primitive, eye: NDArray, rays: NDArray, depth: NDArray, axis: NDArray, light: NDArray) -> NDArray:
+    """Colours (3, n) of hits: texture, Lambert's law beside ambient light, and a highlight about the mirrored light."""
+    at = one.rotation @ ((eye - one.centre)[:, None] + depth * rays)
+    if one.kind == ELLIPSOID:
+        normal = at / one.extent[:, None] ** 2
+        normal /= np.sqrt((normal * normal).sum(axis=0))
+        uv = np.stack([np.arctan2(at[0], at[2]) * one.extent[0], at[1]])
     else:
-        normal[axis] = _F(1)
-        u, v = at[(axis + 1) % 3], at[(axis + 2) % 3]
-    length = math.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
-    facing, lit, along, mirrored, ray2 = _F(0), _F(0), _F(0), _F(0), _F(0)
-    for k in range(3):
-        n = _F(0)
-        for j in range(3):
-            n += geometry[_ROTATION + 3 * j + k] * normal[j] / length
-        facing += n * ray[k]
-        lit += n * light[k]
-        along += ray[k] * light[k]
-        ray2 += ray[k] * ray[k]
-    mirrored = (along - 2 * facing * lit) / math.sqrt(ray2)
-    shade = _F(AMBIENT) + _F(1 - AMBIENT) * (-lit if facing > 0 else lit)
-    glint = looks[_GLOSS] * max(mirrored, _F(0)) ** 16
-    _texel(page, abs(u * looks[_DENSITY] + looks[_SHIFT]), abs(v * looks[_DENSITY] + looks[_SHIFT + 1]), out)
-    for k in range(3):
-        value = (out[k] * looks[_GAIN] + looks[_BIAS + k]) * shade + glint
-        out[k] = min(max(value, _F(0)), _F(1))
+        normal = np.eye(3)[:, axis]
+        uv = np.stack([np.choose((axis + further) % 3, at) for further in (1, 2)])
+    normal = one.rotation.T @ normal
+    facing, lit = (normal * rays).sum(axis=0), light @ normal
+    mirrored = (light @ rays - 2 * facing * lit) / np.sqrt((rays * rays).sum(axis=0))
+    shade = AMBIENT + (1 - AMBIENT) * np.where(facing > 0, -lit, lit)
+    texels = _texels(one.texture, np.abs(one.density * uv + one.shift[:, None]))
+    return ((texels * one.gain + one.bias[:, None]) * shade + one.gloss * mirrored.clip(0) ** SHINE).clip(0, 1)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _origins(geometry: NDArray, camera: NDArray) -> tuple[NDArray, NDArray]:
-    """The camera's centre in the primitives' frames (P, 3), and spheres about them (P, 5).
+def _texels(texture: NDArray, uv: NDArray) -> NDArray:
+    """(3, n) in [0, 1] of a texture at columns and rows (2, n), bilinear."""
+    from scipy.ndimage import map_coordinates
 
-    A sphere is the centre less the camera's, its squared distance, and its squared radius.
-    """
-    count = geometry.shape[0]
-    local, spheres = np.zeros((count, 3), np.float32), np.zeros((count, 5), np.float32)
-    for p in range(count):
-        for k in range(3):
-            spheres[p, k] = geometry[p, _CENTRE + k] - camera[k, 3]
-            spheres[p, 3] += spheres[p, k] * spheres[p, k]
-            spheres[p, 4] += geometry[p, _EXTENT + k] * geometry[p, _EXTENT + k]
-        for k in range(3):
-            for j in range(3):
-                local[p, k] -= geometry[p, _ROTATION + 3 * k + j] * spheres[p, j]
-    return local, spheres
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _trace(
-    ids: NDArray,
-    geometry: NDArray,
-    looks: NDArray,
-    textures: NDArray,
-    camera: NDArray,
-    samples: int,
-    image: NDArray,
-    depth: NDArray,
-) -> None:
-    local, spheres = _origins(geometry, camera)
-    side, light = depth.shape[0], camera[:, 7]
-    d, ray, best_ray, colour = np.empty((4, 3), np.float32)
-    share, middle = _F(1) / (samples * samples), (samples * samples) // 2
-    for pixel in range(side * side):
-        row, column = pixel // side, pixel % side
-        for q in range(samples * samples):
-            x, y = column + (q % samples + _F(0.5)) / samples, row + (q // samples + _F(0.5)) / samples
-            d2 = _F(0)
-            for k in range(3):
-                d[k] = _F(0)
-                for j in range(3):
-                    d[k] += camera[k, j] * (camera[j, 4] * x + camera[j, 5] * y + camera[j, 6])
-                d2 += d[k] * d[k]
-            best, at, axis = _NOTHING, -1, -1
-            for p in range(ids.shape[0]):
-                along = d[0] * spheres[p, 0] + d[1] * spheres[p, 1] + d[2] * spheres[p, 2]
-                if spheres[p, 3] - along * along / d2 > spheres[p, 4]:
-                    continue
-                for k in range(3):
-                    at_k = _ROTATION + 3 * k
-                    ray[k] = geometry[p, at_k] * d[0] + geometry[p, at_k + 1] * d[1] + geometry[p, at_k + 2] * d[2]
-                extent, face = geometry[p, _EXTENT:_ROTATION], -1
-                if ids[p, 0] == ELLIPSOID:
-                    t = _hit_ellipsoid(local[p], ray, extent)
-                else:
-                    t, face = _hit_box(local[p], ray, extent, ids[p, 0] == ROOM)
-                if NEAREST <= t < best:
-                    best, at, axis = t, p, face
-                    best_ray[:] = ray
-            if at < 0:
-                continue
-            if q == middle:
-                depth[row, column] = best
-            for k in range(3):
-                best_ray[k] = local[at, k] + best * best_ray[k]
-            page = textures[ids[at, 1]]
-            _shade(best_ray, axis, geometry[at], looks[at], page, light, d, colour)
-            for k in range(3):
-                image[row, column, k] += colour[k] * share
+    planes = np.moveaxis(texture, -1, 0).astype(np.float32) / 255
+    return np.stack([map_coordinates(plane, uv[::-1], order=1, mode="mirror") for plane in planes])
