@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -42,52 +43,40 @@ def texture_bank(
     Raises:
         InputError: there is no picture in that folder.
     """
-    photos = (path for folder in folders for path in sorted(folder.glob("images/*")))
-    crops = [*_crops(_skimage_photos(), CROPS, rng), *_crops(_readable(photos), 1, rng)]
-    if pictures is not None:
-        files = [path for path in sorted(pictures.rglob("*")) if path.suffix.lower() in PHOTO_SUFFIXES]
-        further = list(_crops(_readable(files), CROPS, rng))
-        if not further:
-            raise InputError("no picture that can be read, expected a folder with some", where=str(pictures))
-        crops += further
-    chosen = [crops[i] for i in rng.permutation(len(crops))[: (2 * count) // 3]]
-    patterns = [_PATTERNS[rng.integers(len(_PATTERNS))](rng) for _ in range(count - len(chosen))]
-    return np.stack([*chosen, *(np.clip(pattern, 0, 255).astype(np.uint8) for pattern in patterns)])
+    photos = [path for folder in folders for path in sorted(folder.glob("images/*"))]
+    found = sorted(pictures.rglob("*")) if pictures else []
+    further = [path for path in found if path.suffix.lower() in PHOTO_SUFFIXES]
+    if pictures and not further:
+        raise InputError("no picture, expected a folder with some", where=str(pictures))
+    sources: list[str | Path] = [*PHOTOS * CROPS, *photos, *further * CROPS]
+    chosen = (_picture(sources[i]) for i in rng.permutation(len(sources)))
+    readable = (picture for picture in chosen if picture is not None)
+    crops = [_crop(picture, rng) for picture in islice(readable, (2 * count) // 3)]
+    patterns = [_PATTERNS[rng.integers(len(_PATTERNS))](rng) for _ in range(count - len(crops))]
+    return np.stack([*crops, *(np.clip(pattern, 0, 255).astype(np.uint8) for pattern in patterns)])
 
 
-def _crops(pictures: Iterable[NDArray], count: int, rng: np.random.Generator) -> Iterator[NDArray]:
-    """So many crops (SIZE, SIZE, 3) uint8 of each picture, every one at a scale of its own."""
-    for picture in pictures:
-        shorter = min(picture.shape[:2])
-        for _ in range(count):
-            scale = rng.integers(SIZE, max(SIZE, min(shorter, LARGEST_SIDE)) + 1) / shorter
-            height, width = (max(SIZE, round(scale * size)) for size in picture.shape[:2])
-            top, left = rng.integers(0, (height - SIZE + 1, width - SIZE + 1))
-            scaled = resize_cover(picture, height, width)[top : top + SIZE, left : left + SIZE]
-            yield (255 * scaled).round().astype(np.uint8)
-
-
-def _readable(paths: Iterable[Path]) -> Iterator[NDArray]:
-    """Pictures (H, W, 3) uint8 of files that are some."""
-    for path in paths:
-        try:
-            yield read_image(path)
-        except (InputError, OSError):
-            continue
-
-
-def _skimage_photos() -> Iterator[NDArray]:
-    """Photos (H, W, 3) uint8 that come with scikit-image, none where it is not installed."""
+def _picture(source: str | Path) -> NDArray | None:
+    """(H, W, 3) uint8 of a file, or of one of `PHOTOS`; None where it cannot be read."""
     try:
+        if isinstance(source, Path):
+            return read_image(source)
         import skimage.data
-    except ImportError:
-        return
-    for name in PHOTOS:
-        try:
-            picture = np.asarray(getattr(skimage.data, name)())
-        except Exception:  # a picture that is not part of the package wants pooch and a network, in many ways
-            continue
-        yield picture[..., :3] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+
+        picture = np.asarray(getattr(skimage.data, source)())
+    except Exception:  # broken; or scikit-image is not installed, or wants pooch and a network, in many ways
+        return None
+    return picture[..., :3] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+
+
+def _crop(picture: NDArray, rng: np.random.Generator) -> NDArray:
+    """(SIZE, SIZE, 3) uint8 of a picture, at some scale."""
+    shorter = min(picture.shape[:2])
+    scale = rng.integers(SIZE, max(SIZE, min(shorter, LARGEST_SIDE)) + 1) / shorter
+    height, width = (max(SIZE, round(scale * size)) for size in picture.shape[:2])
+    top, left = rng.integers(0, (height - SIZE + 1, width - SIZE + 1))
+    scaled = resize_cover(picture, height, width)[top : top + SIZE, left : left + SIZE]
+    return (255 * scaled).round().astype(np.uint8)
 
 
 def _colour(rng: np.random.Generator) -> NDArray:
