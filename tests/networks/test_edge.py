@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from networks.two_planes import network_tensors, trace
@@ -9,8 +10,9 @@ from torch import nn
 
 from tinysplat.networks.edge import Edge
 from tinysplat.networks.sweep import Sweep
-from tinysplat.rasteriser import PinholeCamera, render
+from tinysplat.rasteriser import render
 from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.scene.cameras import Camera
 
 
 @pytest.mark.parametrize("network", [Edge(), Sweep()])
@@ -19,11 +21,9 @@ def test_drawn_four_times_as_large_a_surface_has_no_holes(network: nn.Module) ->
     with torch.no_grad():
         outputs = network(*network_tensors(scene))
         camera = scene.cameras[0]
-        K = torch.tensor(camera.K, dtype=torch.float32)
-        K[:2] *= 4
-        # a part of the picture that both views show
-        K[:2, 2] -= torch.tensor([4 * 48.0, 4 * 32.0])
-        place = PinholeCamera(K, torch.tensor(camera.c2w, dtype=torch.float32), 128, 128)
+        K = np.diag([4, 4, 1]) @ camera.K
+        K[:2, 2] -= 4 * 48, 4 * 32  # a part of the picture that both views show
+        place = Camera(K, camera.c2w, 128, 128)
         layers = [
             torch.cat([a.reshape(-1, *a.shape[3:]), b.reshape(-1, *b.shape[3:])])
             for a, b in zip(outputs[:5], outputs[5:10], strict=True)

@@ -9,20 +9,14 @@ from reference.rasteriser import render_reference
 from scenes import make_cameras
 from torch import Tensor
 
-from tinysplat.rasteriser import PinholeCamera
-from tinysplat.rasteriser.compositing import composite
-from tinysplat.rasteriser.projection import NEAR_PLANE, project
+from tinysplat import rasteriser
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.gaussian.sh import C0
 from tinysplat_runtime.render import render
+from tinysplat_runtime.render.renderer import NEAR_PLANE
 from tinysplat_runtime.scene.cameras import Camera
 
 NAMES = ("means", "quats", "scales", "opacities", "colours")
-
-
-def pinhole(camera: Camera) -> PinholeCamera:
-    K, c2w = (torch.from_numpy(np.array(array)).float() for array in (camera.K, camera.c2w))
-    return PinholeCamera(K, c2w, camera.height, camera.width)
 
 
 def cloud(count: int, seed: int = 0, size: float = 0.08) -> dict[str, Tensor]:
@@ -39,9 +33,8 @@ def cloud(count: int, seed: int = 0, size: float = 0.08) -> dict[str, Tensor]:
     }
 
 
-def draw(fields: dict[str, Tensor], camera: PinholeCamera) -> tuple[Tensor, Tensor]:
-    means, quats, scales, opacities, colours = (fields[name] for name in NAMES)
-    return composite(project(means, quats, scales, camera), opacities, colours, camera)
+def draw(fields: dict[str, Tensor], camera: Camera) -> tuple[Tensor, Tensor]:
+    return rasteriser.render(*(fields[name] for name in NAMES), camera)
 
 
 def as_gaussians(fields: dict[str, Tensor]) -> Gaussians:
@@ -50,7 +43,7 @@ def as_gaussians(fields: dict[str, Tensor]) -> Gaussians:
 
 
 def assert_draws_as_the_runtime(fields: dict[str, Tensor], camera: Camera) -> None:
-    image, left = draw(fields, pinhole(camera))
+    image, left = draw(fields, camera)
     want = render(as_gaussians(fields), camera, outputs=("rgb", "alpha"))
     for found, expected in ((image.numpy(), want["rgb"]), (1 - left.numpy(), want["alpha"])):
         error = np.abs(found - expected)
@@ -66,7 +59,7 @@ def test_pictures_are_those_of_the_runtime(size: tuple[int, int], scale: float) 
 
 @pytest.mark.parametrize("hidden", ["before the near plane", "without opacity", "beside the picture"])
 def test_what_shows_nowhere_changes_nothing_and_has_no_gradient(hidden: str) -> None:
-    fields, camera = cloud(50), pinhole(Camera([[16, 0, 8], [0, 16, 8], [0, 0, 1]], np.eye(4), 16, 16))
+    fields, camera = cloud(50), Camera([[16, 0, 8], [0, 16, 8], [0, 0, 1]], np.eye(4), 16, 16)
     if hidden == "before the near plane":
         fields["means"][:, 2] = 0.5 * NEAR_PLANE
     elif hidden == "without opacity":
@@ -91,7 +84,7 @@ def test_gradients_are_finite_differences_of_the_float64_reference(
     weight = rng.normal(size=(*picture, 4))
     leaves = {name: value.clone().requires_grad_() for name, value in fields.items()}
     unit = torch.nn.functional.normalize(leaves["quats"], dim=1)
-    image, left = draw({**leaves, "quats": unit}, pinhole(camera))
+    image, left = draw({**leaves, "quats": unit}, camera)
     (torch.cat([image, left[..., None]], dim=2) * torch.from_numpy(weight)).sum().backward()
 
     def loss(values: dict[str, Tensor]) -> float:

@@ -11,8 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tinysplat.rasteriser import PinholeCamera, render
+from tinysplat.rasteriser import render
 from tinysplat_runtime.gaussian.sh import C0
+from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.decibels import decibels
 
 Picture: TypeAlias = tuple[NDArray, NDArray, NDArray]
@@ -33,9 +34,10 @@ class TargetPicture:
     K: Tensor
     c2w: Tensor
 
-    def camera(self) -> PinholeCamera:
+    def camera(self) -> Camera:
         """Where it is taken."""
-        return PinholeCamera(self.K, self.c2w, *self.image.shape[1:])
+        height, width = self.image.shape[1:]
+        return Camera(self.K.cpu().double().numpy(), self.c2w.cpu().double().numpy(), width, height)
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class Sample:
         return self.images, unit, self.c2w, near, far
 
 
-def render_outputs(outputs: tuple[Tensor, ...], camera: PinholeCamera) -> Tensor:
+def render_outputs(outputs: tuple[Tensor, ...], camera: Camera) -> Tensor:
     """Draw what a network of two layers returns, SH of degree 0, before black: (3, H, W)."""
     surface, coarse = outputs[:5], outputs[5:10]
     means, quats, scales = (

@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, Comparer, PhotoError, Target
+from ..render.kernels_blend import Extent, Picture, Scratch, composite_tile
 from ..render.kernels_chain import Moved
-from ..render.kernels_gradient import Exposure, Sought
-from ..render.kernels_list import Visible
+from ..render.kernels_gradient import Exposure, Sought, differentiate_tile
+from ..render.kernels_list import Listed, Visible
 from ..render.kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from ..render.lists import Chunks, TileLists, view_numbers
 from ..render.prepare import BLOCK_SIZE, Block
 from ..render.project import View
 from ..render.renderer import NEAR_PLANE
+from ..scene.cameras import Camera
 from . import kernels_free
 from .kernels_free import BASE, LOG_SCALE, LOGIT, MOVE, SH_RED, TURN, values_of
 
@@ -134,12 +136,44 @@ class FreeGaussians:
             weight: what a unit of the loss counts in `gradient`.
             structure: share of 1 − SSIM in the loss, beside |error|.
         """
-        view = View.of(target.camera, self._start.origin, NEAR_PLANE)
-        visible = self._run(lambda piece: self._project(piece, view), self.pieces)
+        view, visible = self._seen(target.camera)
         exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure, target.backdrop)))
         sought = Sought(target.photo, exposure, np.empty((0, 0, 0), np.float32))
         add_up = None if gradient is None else partial(self._add_up, visible, view, gradient)
         return self._comparer.compare(visible, view, sought, add_up)
+
+    def draw(self, camera: Camera) -> NDArray:
+        """(H, W, 4) float32: a picture before black as 3DGS defines it, and its transmittance."""
+        picture = np.empty((camera.height, camera.width, 4), np.float32)
+        sides = Picture(picture[..., :3], picture[..., 3], np.empty((0, 0), np.float32))
+
+        def draw(_: int, rows: NDArray, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
+            composite_tile(self._comparer.buffers.records, rows, listed, extent, scratch, sides, False)
+
+        view, visible = self._seen(camera)
+        self._comparer.walk(visible, view, draw)
+        return picture
+
+    def gradient(self, camera: Camera, slopes: NDArray) -> NDArray:
+        """(kinds, rows) float32: a loss's gradient with respect to `values`.
+
+        Args:
+            camera: as `draw` was given it.
+            slopes: (H, W, 4) float32, the loss's gradient with respect to what `draw` returned.
+        """
+
+        def walk(_: int, rows: NDArray, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
+            differentiate_tile(self._comparer.buffers.records, rows, listed, extent, scratch, slopes, pairs)
+
+        view, visible = self._seen(camera)
+        gradient = np.zeros_like(self.values)
+        self._comparer.walk(visible, view, walk, partial(self._add_up, visible, view, gradient))
+        return gradient
+
+    def _seen(self, camera: Camera) -> tuple[View, list[Visible]]:
+        """A camera's view, and what of each piece it shows."""
+        view = View.of(camera, self._start.origin, NEAR_PLANE)
+        return view, self._run(lambda piece: self._project(piece, view), self.pieces)
 
     def _project(self, piece: RowBlock, view: View) -> Visible:
         chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))

@@ -188,18 +188,35 @@ class Comparer:
         """Hold what `buffers` have projected against a photo; `add_up` gets sums (pairs, 9) of lists' pairs."""
         sums = np.zeros((visible[0].counts.size, SUMS))
 
-        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
+        def measure(tile: int, rows: NDArray, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
             records = self.buffers.records
-            kernels_gradient.measure_tile(records, lists.rows, listed, extent, scratch, sought, sums[tile], pairs)
+            kernels_gradient.measure_tile(records, rows, listed, extent, scratch, sought, sums[tile], pairs)
+
+        self.walk(visible, view, measure, add_up)
+        return PhotoError(*sums.sum(axis=0).tolist())
+
+    def walk(
+        self,
+        visible: Sequence[Visible],
+        view: View,
+        work: Callable[[int, NDArray, Listed, Extent, Scratch, NDArray], None],
+        add_up: Callable[[TileLists, NDArray], None] | None = None,
+    ) -> None:
+        """Work on every tile: its number, the records of its lists, its list, place, the thread's scratch, and pairs.
+
+        Pairs are (pairs, 9) for `add_up`, which gets them behind each of a few lists; (0, 9) where nobody adds up.
+        """
+
+        def work_on(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
+            work(tile, lists.rows, listed, extent, scratch, pairs)
 
         for lists in self.buffers.lists(visible, view):
             if add_up and len(self._pairs) < lists.rows.size:
                 self._pairs = np.empty((int(lists.rows.size * 1.1), PAIR), np.float32)
             pairs = self._pairs if add_up else self._pairs[:0]
-            self.buffers.work_on(lists, view, measure)
+            self.buffers.work_on(lists, view, work_on)
             if add_up:
                 add_up(lists, pairs)
-        return PhotoError(*sums.sum(axis=0).tolist())
 
 
 class MovableGaussians:

@@ -109,11 +109,6 @@ class SplatBuffers:
             return Visible(visible.ids + np.int32(place), visible.boxes.copy(), visible.counts)
         return visible
 
-    def adopt(self, records: NDArray, view: View) -> Visible:
-        """List what is visible of records (rows, 16) float32 that were made elsewhere, and take the place of all."""
-        self.records = records
-        return _visible(records, 0, np.empty(len(records), np.int32), np.empty((len(records), 4), np.int16), view)
-
     def _put(self, records: NDArray) -> int:
         """Take in a block's records; their first row."""
         with self._lock:
