@@ -119,7 +119,7 @@ def cores(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
 @pytest.fixture
 def missing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Say which packages cannot be imported: `missing("numba", "tqdm")`."""
+    """Say which packages cannot be imported: `missing("numba", "plyfile")`."""
 
     def packages(*names: str) -> None:
         for name in names:

@@ -330,7 +330,7 @@ class Heard(Told):
         self.kinds.append(kind)
         self.lines += [f"{where}: {text}" if where else text] * (kind != "step")
 
-    def progress(self, label: str, items: Iterable[Any], note: object = str, total: int | None = None) -> Iterator[Any]:
+    def progress(self, label: str, items: Iterable[Any], *rest: object, **more: object) -> Iterator[Any]:
         for item in items:
             self.passed[label] += 1
             yield item

@@ -127,7 +127,7 @@ def test_a_missing_package_is_one_line_with_its_pip_install(
 
 @pytest.mark.parametrize("command", ["bench", "compare", "completion", "eval", "poses"])
 def test_help_needs_no_extra(folder: Path, command: str) -> None:
-    absent = "matplotlib,PIL,pycolmap,scipy,shtab,torch,tqdm"
+    absent = "matplotlib,PIL,pycolmap,scipy,shtab,torch"
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT, absent, *CLI, command, "--help"],
         cwd=folder,

@@ -20,7 +20,7 @@ RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 
 ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "tinysplat_runtime"}
 
-EXTRAS = {"safetensors", "plyfile", "zstandard", "PIL", "pillow_heif", "pxr", "pycolmap", "fsspec", "tqdm"}
+EXTRAS = {"safetensors", "plyfile", "zstandard", "PIL", "pillow_heif", "pxr", "pycolmap", "fsspec"}
 """Packages that an extra brings, or which happen to be installed: functions alone may import them."""
 
 
@@ -91,7 +91,7 @@ def test_imports_never_point_back(folder: str, banned: set[str]) -> None:
 
 
 BLOCKED = (
-    "torch", "onnx", "tinysplat", "export", "onnxscript", "safetensors", "plyfile", "zstandard", "pycolmap", "tqdm",
+    "torch", "onnx", "tinysplat", "export", "onnxscript", "safetensors", "plyfile", "zstandard", "pycolmap",
     "PIL", "skimage",
 )  # fmt: skip
 

@@ -9,11 +9,10 @@ import threading
 import time
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 from scenes import tells
 
-from tinysplat_runtime.system.progress import Pace, progress, still_there, working
+from tinysplat_runtime.system.progress import compiling, progress, running, still_there, working
 
 
 class Terminal(io.StringIO):
@@ -32,7 +31,6 @@ def said(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], io.StringIO]:
         monkeypatch.setattr(
             threading.Event, "wait", lambda event, seconds=None: wait(event, seconds and min(seconds, 0.1))
         )
-        monkeypatch.setitem(sys.modules, "tqdm", None)
         return stream
 
     return begin
@@ -64,7 +62,7 @@ def test_progress_says_how_far_it_is_while_an_item_takes_long(said: Callable[[bo
     stream, done = said(terminal=False), []
     for item in progress(range(3), 3, "render", quiet=False, note=lambda: f"{len(done)} drawn"):
         if item == 2:
-            assert tells(until(stream, "2 drawn", 1), "render 2/3")
+            assert tells(until(stream, "2 drawn", 1), "render: 2 of 3")
         done.append(item)
     assert done == [0, 1, 2]
 
@@ -77,40 +75,22 @@ def test_quiet_work_is_silent(said: Callable[[bool], io.StringIO]) -> None:
     assert stream.getvalue() == ""
 
 
-def test_all_items_come_beside_a_bar(said: Callable[[bool], io.StringIO], monkeypatch: pytest.MonkeyPatch) -> None:
-    tqdm = pytest.importorskip("tqdm")
-    said(terminal=True)
-    monkeypatch.setitem(sys.modules, "tqdm", tqdm)
-    assert list(progress(range(3), 3, "render", quiet=False)) == [0, 1, 2]
+def test_compiling_is_said_and_not_taken_for_work(said: Callable[[bool], io.StringIO]) -> None:
+    stream = said(terminal=False)
+    with working("network", quiet=False):
+        begun = running()
+        compiling.begin()
+        assert tells(until(stream, "compiling", 1), "compiling once: 0 s")
+        time.sleep(0.05)
+        assert running() - begun < 0.04
+        compiling.end()
 
 
-def alike(rng: np.random.Generator, count: int) -> np.ndarray:
-    return np.full(count, 3.0)
-
-
-def uneven(rng: np.random.Generator, count: int) -> np.ndarray:
-    return np.exp(rng.normal(0, 0.4, count))
-
-
-def compiling(rng: np.random.Generator, count: int) -> np.ndarray:
-    """The first takes as long as six."""
-    return np.where(np.arange(count) == 0, 6.0, rng.uniform(0.8, 1.2, count))
-
-
-@pytest.mark.parametrize("count", [12, 24, 200])
-@pytest.mark.parametrize("kind", [alike, uneven, compiling])
-def test_what_is_announced_is_what_it_takes(kind: Callable, count: int) -> None:
-    """Within a factor of 1.5 from the second tenth of the way on, by a clock of our own."""
-    taken = kind(np.random.default_rng(count), count)
-    now = [0.0]
-    pace = Pace(count, lambda: now[0])
-    assert pace.left is None
-    for number, seconds in enumerate(taken):
-        now[0] += seconds / 2
-        if number >= 0.2 * count:
-            announced = now[0] + pace.left
-            assert taken.sum() / 1.5 <= announced <= 1.5 * taken.sum()
-        now[0] += seconds / 2
-        pace.next()
-    assert pace.left == 0
-    assert Pace(None).left is None
+def test_a_block_within_another_is_said_beside_it(said: Callable[[bool], io.StringIO]) -> None:
+    stream = said(terminal=False)
+    with still_there("compress", quiet=False):
+        for _ in progress(range(2), 2, "blocks", quiet=False):
+            for _ in progress(range(3), 3, "pruning", quiet=False):
+                assert "blocks: 0 of 2; pruning: 0 of 3" in until(stream, "pruning", 1)
+                break
+            break

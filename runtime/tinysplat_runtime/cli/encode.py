@@ -96,7 +96,6 @@ def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> N
     """The line that `encode` ends with: what there is of what, and how like its own photos it looks."""
     from ..recipe.own import LOW_DB, compared
 
-    voice.say("step", "comparing")
     scene, camera = coded.photos, coded.photos.cameras[0]
     compiled = None if coded.refinement else False  # which refinement has loaded
     look = compared(coded.data, scene, runtime, model, voice, compiled=compiled)

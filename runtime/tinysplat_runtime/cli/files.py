@@ -8,7 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,10 @@ from ..errors import InputError, TinySplatError
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.providers import providers_of
+from ..system.course import Course
 from ..system.files import StrPath, read_limited, write_atomically
 from ..system.printable import printable
-from ..system.progress import progress, step
+from ..system.progress import progress, running, step, wipe
 from ..system.stopwatch import Stopwatch
 from ..system.told import Kind, T, Told
 from .outputs import STANDARD, is_standard
@@ -140,6 +141,7 @@ class Voice(Told):
 
     output: str
     quiet: bool
+    course: Course = field(default_factory=lambda: Course(running))
 
     @property
     def listens(self) -> bool:  # type: ignore[override]
@@ -151,8 +153,10 @@ class Voice(Told):
         if self.quiet:
             return
         if kind == "step":
-            step(text)
+            self.course.begin(text).is_over = True
+            step(text, self.course)
             return
+        wipe()
         place = f"{os.fspath(where)}: " if where else ""
         doubt = "warning: " if kind == "doubt" else ""
         stream = sys.stdout if kind == "done" and not is_standard(self.output) else sys.stderr
@@ -162,13 +166,22 @@ class Voice(Told):
         """Say what was done."""
         self.say("done", text, where)
 
+    def plan(self, stages: Iterable[tuple[str, float]]) -> None:
+        """From here on seconds left are those of all of this."""
+        self.course.plan(stages)
+
     def progress(
-        self, label: str, items: Iterable[T], note: Callable[[], str] = str, total: int | None = None
+        self,
+        label: str,
+        items: Iterable[T],
+        note: Callable[[], str] = str,
+        total: int | None = None,
+        costs: Sequence[float] | None = None,
     ) -> Iterator[T]:
         """Say how far a step is."""
         if total is None and isinstance(items, Sized):
             total = len(items)
-        return progress(items, total, label, quiet=self.quiet, note=note)
+        return progress(items, total, label, quiet=self.quiet, note=note, course=self.course, costs=costs)
 
 
 @contextlib.contextmanager

@@ -38,7 +38,7 @@ def warm(told: Told) -> str:
     runtime = Runtime(threads=1)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for _, work in told.progress("compiling", _works(runtime, Path(folder))):
+        for _, work in told.progress("compiling kernels", _works(runtime, Path(folder))):
             work()
     return KEPT_IN
 

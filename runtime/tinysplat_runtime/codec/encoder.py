@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import TypeAlias
@@ -92,6 +92,7 @@ class SceneEncoder:
             for _, plan in pairs:
                 for channel in plan.channels:
                     coding.begin(channel)
+            coding.wait()
             coded = [coding.finish(layer, plan) for layer, plan in pairs]
         return write_planes(coded, job.gaussians, job.profile, qp, job.stats)
 
@@ -195,6 +196,13 @@ class _Coding:
 
         return [self._pool.submit(code, view) for view in range(len(mapped.channel.values))]
 
+    def wait(self) -> None:
+        """Until all that was begun is coded."""
+        every = [future for _, futures in self._begun.values() for future in futures]
+        with self._stats.watch.stage("x265"):
+            for _ in self._told.progress("coding planes", as_completed(every), total=len(every)):
+                pass
+
     def finish(self, layer: Gaussians, plan: LayerPlan) -> CodedLayer:
         """A layer, once all its channels have been begun and are coded."""
         jobs = [self.begin(channel) for channel in plan.channels]
@@ -203,9 +211,6 @@ class _Coding:
                 depth = [future.result()[0] for future in jobs[0][1]]
                 refinement = _refine(jobs[0][0], depth, plan.refine_depth, self._pool)
                 jobs.insert(1, (refinement, self._submit(refinement)))
-            every = [future for _, futures in jobs for future in futures]
-            for future in self._told.progress("planes", every):
-                future.result()
             planes = [(mapped, [future.result() for future in futures]) for mapped, futures in jobs]
         channels = []
         for mapped, coded in planes:

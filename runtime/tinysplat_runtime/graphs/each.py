@@ -71,12 +71,23 @@ def predict_each(
             neighbours[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
     capture = _Capture(read, cameras, near, far, stages, neighbours)
     order = [v for group in groups for v in group.kept]
-    for view in told.progress("depth", order):
+    first = _first_asked(order, neighbours)
+    for view in told.progress("depth of photos", order, costs=[1 + 2 * count for count in first]):
         capture.estimated(view)
     if run_jobs is not None:
         capture.agree(run_jobs, frames, told)
     alone = [Group((v,), (v,)) for v in order]
-    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), told)
+    costs = [1 + 5 * count for count in first]
+    return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), told, costs)
+
+
+def _first_asked(order: Sequence[int], neighbours: Sequence[tuple[int, ...]]) -> list[int]:
+    """Of photos in this order, to how many of its neighbours each comes first: a stage runs once on each."""
+    seen, counts = set[int](), []
+    for view in order:
+        counts.append(len({*neighbours[view]} - seen))
+        seen.update(neighbours[view])
+    return counts
 
 
 class _Capture:

@@ -107,11 +107,10 @@ def joint_depth(
         medians(np.where(before - now < margin, inverse[v], own), CLEAN, planes[v, 0])
 
     run_jobs(start, views)
-    for _ in told.progress("depth of all", range(passes)):
-        run_jobs(improve, matched)
+    for job in told.progress("agreeing on depth", [*[improve] * passes, settle]):
+        run_jobs(job, matched)
         for v in matched:
             show(v)
-    run_jobs(settle, matched)
     return planes[:, 0]
 
 

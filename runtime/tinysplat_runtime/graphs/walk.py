@@ -62,6 +62,7 @@ def predict_groups(
     groups: Sequence[Group],
     run: Callable[[Sequence[int]], Gaussians],
     told: Told = NOBODY,
+    costs: Sequence[float] | None = None,
 ) -> Gaussians:
     """One scene of what a network makes of each group.
 
@@ -71,6 +72,7 @@ def predict_groups(
         groups: in which every photo is kept once.
         run: the network, of photos by their indices.
         told: is told of each photo.
+        costs: of each against the others, where they are not alike.
 
     Returns:
         (V, H, W, …) Gaussians with cameras, further layers in `extra_layers`; the origin as for `predict.predict`.
@@ -81,7 +83,7 @@ def predict_groups(
     joined: list[dict[str, NDArray]] = []
     seen_by: list[list[Any]] = []
     photos = [(group, place) for group in groups for place in range(len(group.kept))]
-    for group, place in told.progress("photos", photos):
+    for group, place in told.progress("Gaussians of photos", photos, costs=costs):
         if place:
             continue
         predicted = run(group.views)

@@ -58,6 +58,11 @@ class Way(ABC):
         """Gaussians of all views of a scene, hidden where masks leave pixels out; see `Runtime.predict`."""
         return hidden(self._predicted(scene, watch, told), scene)
 
+    @property
+    @abstractmethod
+    def steps(self) -> list[tuple[str, float]]:
+        """What it goes through, and what that is likely to take, as `recipe.ahead` has it."""
+
     @abstractmethod
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
         """The same before masks."""
@@ -66,6 +71,11 @@ class Way(ABC):
 @dataclass(frozen=True)
 class Grouped(Way):
     """Group by group, as they are."""
+
+    @property
+    def steps(self) -> list[tuple[str, float]]:
+        """Photos."""
+        return [("Gaussians of photos", 28.0)]
 
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
         """As the first."""
@@ -108,6 +118,12 @@ class OneByOne(Way):
     """
 
     threads: int | None
+
+    @property
+    def steps(self) -> list[tuple[str, float]]:
+        """Each stage."""
+        agreeing = [("agreeing on depth", 20.0)] * bool(self.threads)
+        return [("opening the network", 2.0), ("depth of photos", 12.0), *agreeing, ("Gaussians of photos", 11.0)]
 
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
         """As the first."""

@@ -18,6 +18,7 @@ from ..refine.kernels_free import LOGIT
 from ..render.gradient import Target
 from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
+from ..system.told import NOBODY, Told
 
 ROUNDS = 4
 """Steps for each view."""
@@ -29,7 +30,7 @@ _LIMITS = (*LIMITS[:LOGIT], (_LEAST_LOGIT, LIMITS[LOGIT][1]))
 
 
 def corrected(
-    gaussians: Gaussians, cameras: Sequence[Camera], wanted: Sequence[NDArray], run_jobs: Callable
+    gaussians: Gaussians, cameras: Sequence[Camera], wanted: Sequence[NDArray], run_jobs: Callable, told: Told = NOBODY
 ) -> Gaussians:
     """Gaussians whose pictures are nearer to those wanted.
 
@@ -38,6 +39,7 @@ def corrected(
         cameras: of the pictures.
         wanted: by camera, (H, W, 3) float32 as 3DGS defines drawing, before black; what is above 1 counts as 1.
         run_jobs: maps a function over a list, on any number of threads; the result is the same on all.
+        told: is told of each step.
 
     Returns:
         (n,) Gaussians of the same quats and SH above degree 0.
@@ -45,7 +47,7 @@ def corrected(
     field = FreeGaussians(gaussians, units(gaussians, cameras), run_jobs)
     targets = [Target(camera, np.minimum(one, np.float32(1))) for camera, one in zip(cameras, wanted, strict=True)]
     descent, order = Descent(field, PACE, run_jobs, _LIMITS), np.random.default_rng(0)
-    for _ in range(ROUNDS):
-        for number in order.permutation(len(targets)):
-            descent.step(targets[number], descent.count / (ROUNDS * len(targets)))
+    turns = np.concatenate([order.permutation(len(targets)) for _ in range(ROUNDS)])
+    for number in told.progress("correcting", turns.tolist()):
+        descent.step(targets[number], descent.count / len(turns))
     return field.gaussians()

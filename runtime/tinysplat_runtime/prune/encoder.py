@@ -171,6 +171,7 @@ class PruningEncoder(Coder):
             recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
         )
         disk.let_go()
+        self._told.say("step", "coding")
         return coder.code(qp, self._terms.steps)
 
     def _pruned(self, qp: float) -> tuple[list[Pruned], list[float]]:
@@ -193,7 +194,8 @@ class PruningEncoder(Coder):
         def note() -> str:
             return f"{sum(own.left_out for own in found):,} left out"
 
-        for block in self._told.progress("pruning", self._blocks, note=note):
+        several = len(self._blocks) > 1
+        for block in self._told.progress("blocks", self._blocks, note) if several else self._blocks:
             one = Pruned.none(block.gaussians) if block.remover is None else block.remover.prune(worth, penalties)
             found.append(Pruned.joined([one]))
             del one

@@ -11,6 +11,7 @@ from ..codec.search import tries
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians
 from ..system.threads import Crew
+from ..system.told import NOBODY, Told
 from .amount import Amount
 from .removal import Pruned, Remover
 
@@ -22,7 +23,7 @@ _DB_PER_DOUBLING = 3.0
 """That pictures lose when a Gaussian's worth doubles, about."""
 
 
-def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Pruned:
+def leave_out(gaussians: Gaussians, amount: Amount, threads: int, told: Told = NOBODY) -> Pruned:
     """The Gaussians that pictures need most, as one list.
 
     Pictures are those of the places that its photos were taken from, where these are known, and beside them; else views
@@ -35,7 +36,7 @@ def leave_out(gaussians: Gaussians, amount: Amount, threads: int) -> Pruned:
     views = from_anywhere(views_of(shown), shown)
     if views.doubt:
         warn(f"Gaussians left out by views from outside: {views.doubt}")
-    remover = Remover(shown, views.deciding, Crew(threads).map, views.judging)
+    remover = Remover(shown, views.deciding, Crew(threads).map, views.judging, told=told)
     if amount.psnr is not None:
         found = _to_psnr(remover, amount.psnr)
     else:

@@ -141,7 +141,7 @@ class Remover:
         self._tellers = self._kept(telling) if telling else self._judges
         every = range(len(cameras))
         self._halves = (every[0::2], every[1::2] or every)
-        self._costs = np.stack([self._look(gaussians, half).costs for half in self._halves], axis=1)
+        self._costs = np.stack([self._look(gaussians, half, told).costs for half in self._halves], axis=1)
         self._first, self._sh = self._costs.sum(axis=1), disk.zeros(gaussians.sh.shape)
         self._sh[:] = gaussians.sh
         self._present, self._prices = np.arange(len(self._first)), np.full(len(self._first), np.inf)
@@ -158,8 +158,7 @@ class Remover:
 
     def costliest(self, rows: NDArray, count: int) -> NDArray:
         """Which of some rows (n,) integer, as numbers (count,) in their order, pictures need most."""
-        while self._present.size > count:
-            self._go_on()
+        self._go_down_to(count)
         return np.sort(np.argsort(self._prices[rows], kind="stable")[rows.size - count :])
 
     def psnr_of(self, gaussians: Gaussians) -> float:
@@ -202,9 +201,19 @@ class Remover:
 
     def prune_to(self, count: int) -> Pruned:
         """Leave out all but `count`."""
-        while self._present.size > count:
-            self._go_on()
+        self._go_down_to(count)
         return self._without(np.sort(np.argsort(self._prices, kind="stable")[-count:]), ())
+
+    def _go_down_to(self, count: int) -> None:
+        """Rank on until no more than these are left."""
+
+        def rounds() -> Iterator[None]:
+            while self._present.size > count:
+                self._go_on()
+                yield
+
+        for _ in self._told.progress("ranking", rounds(), lambda: f"{self._present.size:,} are left"):
+            pass
 
     def _go_on(self) -> None:
         """Let the cheapest go, and look again."""
@@ -246,12 +255,13 @@ class Remover:
 
     def _corrected(self, gaussians: Gaussians) -> Gaussians:
         wanted = [self._pictures.wanted[number] for number in range(len(self._pictures.cameras))]
-        return corrected(gaussians, self._pictures.cameras, wanted, self._run)
+        return corrected(gaussians, self._pictures.cameras, wanted, self._run, self._told)
 
-    def _look(self, gaussians: Gaussians, views: Sequence[int]) -> _Seen:
+    def _look(self, gaussians: Gaussians, views: Sequence[int], told: Told = NOBODY) -> _Seen:
         shape = gaussians.opacities.size, len(views) if gaussians.degree else 1
         seen = _Seen(np.zeros(shape[0]), np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32))
-        for number, sums in enumerate(self._pictures.measure(gaussians, views)):
+        each = self._pictures.measure(gaussians, views)
+        for number, sums in enumerate(told.progress("looking at views", each, total=len(views))):
             column = min(number, shape[1] - 1)
             seen.costs[:] += sums[:, kernels.COST]
             seen.weights[:, column] += sums[:, kernels.BOUND]

@@ -75,8 +75,7 @@ def encode(
         ModelError, NumericError: see `Runtime.predict` and `Runtime.compress`.
     """
     stats = stats or EncodeStats()
-    made = _made(replace(request, like=request.example()), tools, told, stats)
-    told.say("step", "coding")
+    made = _made(replace(request, like=request.example()), tools, told, stats, is_coded=True)
     data = _coded(made.gaussians, made.request, made.scene, tools, stats, told)
     kept = made.gaussians if keep else None
     return Encoded(data, kept, raw_bytes(made.gaussians), stats, made.refined, made.scene, made.doubts)
@@ -101,7 +100,7 @@ def listed(
             missing.
         ModelError, NumericError: see `Runtime.predict`.
     """
-    made = _made(request, tools, told, stats or EncodeStats())
+    made = _made(request, tools, told, stats or EncodeStats(), is_coded=False)
     return made.gaussians, made.scene, made.doubts
 
 
@@ -116,8 +115,9 @@ class _Made:
     refined: RefineStats | None
 
 
-def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats) -> _Made:
-    """Gaussians of pixels, refined or not, or one list."""
+def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
+    """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
+    from .ahead import ahead, from_gaussians
     from .prepare import ALL_VIEWS, expected_bytes
     from .refinement import chosen
 
@@ -125,15 +125,17 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats) 
     request, refinement = chosen(request, scene, way, told)
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
+    photos = len(scene.frames)
+    told.plan(ahead(way, request, photos, refinement, is_coded=is_coded))
     gaussians, doubted = _predicted(request, scene, way, told, stats)
     if request.mode == EITHER:
         from .contest import contest
 
-        told.say("step", "choosing")
         with stats.watch.stage("choose"):
             found = contest(gaussians, scene, request, tools, told)
         told.say("notice", found.text(scene, request.at_most), scene.path)
         request = replace(request, mode=found.winner)
+        told.plan(from_gaussians(request, photos, refinement, is_coded=is_coded))
     if request.mode == LIST:
         from ..sparse.pictures import photos_of
 
@@ -164,7 +166,7 @@ def _predicted(
     doubted = doubts(scene, told) if told.listens else []
     for text in doubted:
         told.say("doubt", text, scene.path)
-    told.say("step", "network")
+    told.say("step", "opening the network")
     gaussians = way.predicted(scene, stats.watch, told)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
     if request.save_gaussians is not None:
@@ -193,7 +195,6 @@ def compress(
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
         gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refined)
-    told.say("step", "coding")
     pruning = Pruning(request.keep_all, request.seconds or math.inf)
     data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)
     return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, refined if request.refine else None)

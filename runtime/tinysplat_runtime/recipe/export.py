@@ -184,7 +184,7 @@ def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> G
         from ..prune.reduction import leave_out
     except ImportError as error:
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="prune") from None
-    left = leave_out(gaussians, amount, tools.threads)
+    left = leave_out(gaussians, amount, tools.threads, told)
     told.say("done", f"{left.text or 'none left out'}, in pictures as defined")
     return left.gaussians
 

@@ -138,7 +138,7 @@ def own_psnr(
         part = near(camera) if rows == height else _about(near(camera), band)
         return Renderer(part, threads=threads, compiled=compiled, keep=False).render(band)
 
-    return mean_decibels(map(drawn, told.progress("comparing", cameras)), images[:, first : first + rows])
+    return mean_decibels(map(drawn, told.progress("comparing photos", cameras)), images[:, first : first + rows])
 
 
 def _rows_of(camera: Camera, rows: slice) -> Camera:

@@ -80,7 +80,8 @@ def refine(
         raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
     budget = Refinement() if refinement is None else refinement
     coded = coding.planes, coding.step_qp, Crew(tools.threads).map
-    return Refining(gaussians, scene, *coded, steps=budget.steps, seconds=budget.seconds, stats=stats).run(told)
+    steps, seconds = budget.steps, budget.seconds
+    return Refining(gaussians, scene, *coded, steps=steps, seconds=seconds, stats=stats, told=told).run(told)
 
 
 def sparse(
@@ -145,6 +146,7 @@ def code(
     else:
         own.mode = (Exact if coding.lossless else Planes).mode
         coder = find_mode(own.mode).coder_of(job)
+    told.say("step", "planning")
     cameras = gaussians.cameras
     judged = [cameras[index] for index in evenly(len(cameras), MOST_JUDGED)]
     return _meeting(coder, coding, job.qp, lambda: _fidelity(job, tools.limits, judged))
@@ -156,6 +158,7 @@ def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is
     from ..codec.list.visible import visible
 
     job.stats.mode = List.mode
+    job.told.say("step", "looking at views")
     shown = visible(job.gaussians)
     views = views_of(shown)
     looking = views if coding.target_psnr is None else from_anywhere(views, shown)
@@ -163,6 +166,7 @@ def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is
     data = _meeting(_list_coder(replace(job, gaussians=shown), views, pruning), coding, job.qp, fidelity)
     disk.let_go()  # what coding took
     if is_measured and looking.judging:
+        job.told.say("step", "measuring")
         with job.stats.watch.stage("measure"):
             job.stats.psnr = fidelity()(data)
         job.stats.views = f"{len(some(looking.judging, MEASURED_VIEWS))} views {looking.text}"

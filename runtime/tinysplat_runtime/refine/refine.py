@@ -72,6 +72,7 @@ class Refining:
         steps: int | None = None,
         seconds: float | None = None,
         stats: RefineStats | None = None,
+        told: Told = NOBODY,
     ) -> None:
         """Look at the photos, and find what is wrong with them.
 
@@ -85,6 +86,7 @@ class Refining:
             seconds: for how long, in place of `steps`, with what is done here; no step begins that would end later, as
                 far as can be told.
             stats: filled with what was done.
+            told: is told of each photo.
 
         Raises:
             InputError: photos that do not fit the Gaussians, or a budget out of range.
@@ -105,7 +107,8 @@ class Refining:
         shown, errors = np.zeros((height, width, 4), np.float32), []
         self._exposures = np.tile([1.0, 0.0], (len(gaussians.cameras), 1))
         self._halved = disk.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
-        for target, half, exposure in zip(self._sizes[0], self._halved, self._exposures, strict=True):
+        each = zip(self._sizes[0], self._halved, self._exposures, strict=True)
+        for target, half, exposure in told.progress("looking at photos", each, total=len(self._sizes[0])):
             shares = moving.shares(target.camera)
             errors.append(moving.measure(target, shares=shares, shown=shown))
             half[:] = halved_picture(shown[..., :3])
@@ -114,14 +117,14 @@ class Refining:
                 exposed = moving.measure(replace(target, gain=gain, offset=offset), shares=shares)
                 if exposed.squared < MENDED * errors[-1].squared:
                     errors[-1], exposure[:] = exposed, (gain, offset)
-        each = (time.perf_counter() - begun) / len(errors)
+        seconds = time.perf_counter() - begun
         if (view := _other(errors, self._sizes[0])) is not None:
             self.stats.reason = f"photo {view} shows something else than they do"
             self._loop = None
             return
         prices = self._prices(gaussians, moving)
         self._loop = Loop(moving, self._sizes, prices, self._settings, run_jobs, self._exposures)
-        self._seconds["judging"] = each * len(self._loop.judged)
+        self._seconds["judging"] = seconds / len(errors) * len(self._loop.judged)
         self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
         if not self._loop.held and all(map(operator.lt, self.stats.looks[0][1:], self._settings.least_shown)):
@@ -141,7 +144,9 @@ class Refining:
             Gaussians whose notes say how they were refined, or those given.
         """
         most = self._limit if self._deadline == math.inf else None
-        for _ in told.progress("refine", self._advance(), self._note, most):
+        below = self._steps_below(self._limit)
+        costs = [1.0] * below + [4.0] * (self._limit - below) if most else None
+        for _ in told.progress("refining", self._advance(), self._note, most, costs):
             pass
         return self._result()
 
@@ -153,7 +158,7 @@ class Refining:
         if loop is None:
             return
         limit = min(self._limit, settings.most_steps)
-        below = steps_below(self._start.opacities[0].size, settings.steps_below, limit)
+        below = self._steps_below(limit)
         while stats.steps < below and self._has_time("small step"):
             small = self._smaller or self._timed("copy", self._go_down)
             self._timed("small step", small.loop.step)
@@ -169,6 +174,9 @@ class Refining:
             if taken % settings.look_every == 0:
                 self._look()
             yield stats.steps
+
+    def _steps_below(self, limit: int) -> int:
+        return steps_below(self._start.opacities[0].size, self._settings.steps_below, limit)
 
     def _note(self) -> str:
         """How things stand, in few words."""

@@ -156,7 +156,10 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) 
     least = float(np.median(np.where(apart > _TWICE * extent, apart, np.inf).min(axis=1))) / 2
     while True:
         pairs = _pairs(cameras, least)
-        depths = [_sure_depths(images, cameras, pair, float(apart[pair])) for pair in told.progress("depths", pairs)]
+        depths = [
+            _sure_depths(images, cameras, pair, float(apart[pair]))
+            for pair in told.progress("looking for near and far", pairs)
+        ]
         agreed = np.concatenate([of_one for both in depths for of_one in both])
         apart_most = float(np.median([apart[pair] for pair in pairs]))
         least *= _FARTHER

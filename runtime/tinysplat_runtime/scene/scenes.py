@@ -285,7 +285,7 @@ class Scene:
         self.check_one_size()
         camera = self.frames[0].camera
         images = np.empty((len(self.frames), camera.height, camera.width, 3), np.float32)
-        for v, frame in enumerate(told.progress("reading", self.frames)):
+        for v, frame in enumerate(told.progress("reading photos", self.frames)):
             images[v] = frame.judged() if judged else frame.image()
         return images
 

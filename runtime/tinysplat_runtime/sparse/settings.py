@@ -50,3 +50,7 @@ class Settings:
     added_opacity: float = 0.5
     fade: float = 0.05
     faded: float = 0.02
+
+    def smaller(self, way: float) -> int:
+        """How many times smaller photos are at a share of the way."""
+        return 4 if way < self.quarter else 2 if way < self.quarter + self.half else 1

@@ -27,11 +27,14 @@ from ..scene.cameras import Camera
 from ..system.decibels import decibels
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
-from . import DEFAULT_GAUSSIANS, DEFAULT_SECONDS, LEAST_STEPS, STEPS_A_PHOTO, start
+from . import DEFAULT_GAUSSIANS, DEFAULT_SECONDS, start, usual_steps
 from .settings import Settings
 
 STRANGE, STRANGER = 7.0, 16.0
 """A photo so many dB below the median, and below so many, is left out."""
+
+COSTS = {4: 1.0, 2: 1.5, 1: 3.0}
+"""Of steps on photos so many times smaller, against each other."""
 
 
 @dataclass
@@ -114,8 +117,10 @@ def trained(
     if count is not None and count < 1:
         raise InputError(f"{count}, expected 1 or more", where="count")
     stats = stats if stats is not None else TrainStats()
-    training = _Training(capture, targets, count or DEFAULT_GAUSSIANS, threads, settings or Settings(), stats)
-    for _ in told.progress("train", training.advance(budget), stats.note, total=budget.steps):
+    settings = settings or Settings()
+    training = _Training(capture, targets, count or DEFAULT_GAUSSIANS, threads, settings, stats)
+    costs = [COSTS[settings.smaller(step / budget.steps)] for step in range(budget.steps)]
+    for _ in told.progress("training", training.advance(budget), stats.note, budget.steps, costs):
         pass
     return training.result()
 
@@ -135,7 +140,7 @@ class _Budget:
         seconds = DEFAULT_SECONDS if seconds is None else seconds
         if not 0 < seconds < 86_400:
             raise InputError(f"{seconds:g} s, expected more than 0 and less than a day", where="seconds")
-        return cls(steps or max(LEAST_STEPS, STEPS_A_PHOTO * photos), seconds, time.perf_counter())
+        return cls(steps or usual_steps(photos), seconds, time.perf_counter())
 
     def left(self, done: int) -> int:
         """How many steps there will have been, if seconds go on passing as they did."""
@@ -205,7 +210,7 @@ class _Training:
     def _step(self, view: int, way: float) -> float:
         """Towards a photo, at a share of the way; its dB before."""
         settings = self._settings
-        smaller = 4 if way < settings.quarter else 2 if way < settings.quarter + settings.half else 1
+        smaller = settings.smaller(way)
         # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it,
         # and would else fade
         target = self._exposed(view, smaller).before(float(self._stats.steps % 2))

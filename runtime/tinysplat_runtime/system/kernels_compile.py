@@ -9,7 +9,7 @@ from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache
 
-from . import progress
+from .progress import compiling
 
 Number = Any  # numba infers what kind when it compiles
 
@@ -32,10 +32,10 @@ class _Aside(event.Listener):
     """Says of a step, while it compiles, that this is done once."""
 
     def on_start(self, event: event.Event) -> None:
-        progress.asides.append("compiling, once")
+        compiling.begin()
 
     def on_end(self, event: event.Event) -> None:
-        progress.asides.pop()
+        compiling.end()
 
 
 KEPT_IN = _kept_in()

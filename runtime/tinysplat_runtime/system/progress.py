@@ -1,20 +1,20 @@
-"""What long work says while it runs: a bar or seconds on a terminal, a line now and then in a log.
+"""What long work says while it runs: on a terminal a line that changes each second, in a log a line now and then.
 
-Blocks of work lie within each other, and the innermost speaks. A command is the outermost, so that none is silent for
-long whatever it does (`still_there`).
+Blocks of work lie within each other. A command is the outermost, which speaks only where none within it does, so that
+it is never silent for long (`still_there`).
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
-import statistics
+import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
+from .course import Course
 from .printable import printable
 
 T = TypeVar("T")
@@ -24,159 +24,186 @@ LOG_EVERY_S = 50.0
 
 TERMINAL_EVERY_S = 1.0
 
-LATEST, LEAST_LEFT_S = 5, 2.0
-"""Items at least that tell what the next will take; and seconds left that are worth saying."""
+LEAST_LEFT_S = 2.0
+"""Seconds left that are worth saying."""
 
-_speaking: list[object] = []
-"""Who may speak, outermost first: the process has one standard error."""
+BAR = 20
+"""Characters of a terminal's bar."""
 
-asides: list[str] = []
-"""What goes on besides, and why a step takes longer than it will the next time."""
 
-_step = [""]
-"""What the outermost says that it does."""
+class _Compiling:
+    """How long kernels compiled so far, which they do once for all runs."""
+
+    def __init__(self) -> None:
+        self._taken, self._since, self._depth = 0.0, 0.0, 0
+
+    def begin(self) -> None:
+        """A kernel compiles, maybe on behalf of another one."""
+        if not self._depth:
+            self._since = time.monotonic()
+        self._depth += 1
+
+    def end(self) -> None:
+        """It is compiled."""
+        self._depth -= 1
+        if not self._depth:
+            self._taken += time.monotonic() - self._since
+
+    @property
+    def seconds(self) -> float:
+        """In all."""
+        return self._taken + (time.monotonic() - self._since if self._depth else 0.0)
+
+    @property
+    def text(self) -> str:
+        """For people, while it goes on."""
+        return f"compiling once: {self.seconds:.0f} s" if self._depth else ""
+
+
+compiling = _Compiling()
+
+
+def running() -> float:
+    """Seconds of a clock that stands still while kernels compile: what they take says nothing about what is left."""
+    return time.monotonic() - compiling.seconds
+
+
+class _Speaker:
+    """The process's one, as it has one standard error."""
+
+    def __init__(self) -> None:
+        self._texts: list[Callable[[], str]] = []
+        self._ended = threading.Event()
+        self._lock, self._has_line = threading.Lock(), False
+
+    @contextlib.contextmanager
+    def saying(self, text: Callable[[], str]) -> Iterator[None]:
+        """Say `text` now and then from another thread, and after it what blocks within this one have to say."""
+        self._texts.append(text)
+        if len(self._texts) == 1:
+            self._ended = threading.Event()
+            threading.Thread(target=self._run, args=(self._ended,), daemon=True).start()
+        try:
+            yield
+        finally:
+            self._texts.remove(text)
+            if not self._texts:
+                self._ended.set()
+            self.wipe()
+
+    def wipe(self) -> None:
+        """Take away the line that stands on a terminal: something else is to be printed."""
+        with self._lock:
+            if self._has_line:
+                print("\r\033[K", end="", file=sys.stderr, flush=True)
+            self._has_line = False
+
+    def _run(self, ended: threading.Event) -> None:
+        terminal = sys.stderr.isatty()
+        while not ended.wait(TERMINAL_EVERY_S if terminal else LOG_EVERY_S):
+            with self._lock:
+                if ended.is_set() or not (texts := self._texts[1:] or self._texts[:1]):
+                    continue
+                said = printable("; ".join(text() for text in texts))
+                self._has_line = terminal
+                line = f"\r{said[: shutil.get_terminal_size().columns - 1]}\033[K\r" if terminal else f"{said}\n"
+                print(line, end="", file=sys.stderr, flush=True)
+
+
+_speaker = _Speaker()
+wipe = _speaker.wipe
+
+_step: list[Callable[[], str]] = [str]
+"""What the outermost block says."""
 
 
 def progress(
-    items: Iterable[T], total: int | None, label: str, *, quiet: bool, note: Callable[[], str] = str
+    items: Iterable[T],
+    total: int | None,
+    label: str,
+    *,
+    quiet: bool,
+    note: Callable[[], str] = str,
+    course: Course | None = None,
+    costs: Sequence[float] | None = None,
 ) -> Iterator[T]:
     """Yield the items and show how many are done on standard error.
-
-    A terminal gets tqdm's bar if it is installed, else a count; a log a line every LOG_EVERY_S.
 
     Args:
         items: what is worked through.
         total: how many there are; None where nobody knows.
         label: what is done.
         quiet: whether to show nothing.
-        note: says how things stand, behind the bar.
+        note: says how things stand.
+        course: of the whole run, whose seconds left are said; without one, those of these items are.
+        costs: see `Course.begin`.
     """
     if quiet:
         yield from items
         return
-    bar = _bar(total, label) if sys.stderr.isatty() else None
-    if bar is not None:
-        with bar, _speaker(bar.refresh):
+    run = course or Course(running)
+    stage = run.begin(label, total, costs)
+
+    def text() -> str:
+        of = "" if total is None else f" of {total:,}"
+        whole = (_bar(run), left_of(run)) if stage is run.now else ()
+        return _joined(f"{label}: {stage.done:,}{of}", *whole, note(), compiling.text)
+
+    if course is not None:
+        _step[0] = text  # until the next one begins
+    try:
+        with _speaker.saying(text):
             for item in items:
                 yield item
-                bar.update()
-                bar.set_postfix_str(printable(note()), refresh=False)
-        return
-    pace, of = Pace(total), "" if total is None else f"/{total}"
-    with working(label, quiet=quiet, note=lambda: f"{pace.done}{of}{pace.text} {note()}"):
-        for item in items:
-            yield item
-            pace.next()
-
-
-class Pace:
-    """How long a step still takes, by what its items took.
-
-    What most of the latest took is what the next will take: the first one of all often loads or compiles something.
-
-    Attributes:
-        done: how many items are.
-    """
-
-    def __init__(self, total: int | None, clock: Callable[[], float] = time.monotonic) -> None:
-        """`total` is how many items there are; None where nobody knows. `clock` gives seconds."""
-        self.done, self._total, self._clock = 0, total, clock
-        self._ends = [clock()]
-
-    def next(self) -> None:
-        """Another item is done."""
-        self.done += 1
-        self._ends.append(self._clock())
-
-    @property
-    def left(self) -> float | None:
-        """Seconds; None before the first item is done, and where nobody knows how many there are."""
-        if self._total is None or not self.done:
-            return None
-        latest = -max(LATEST, self.done // 2) - 1
-        ends = self._ends[latest:]
-        each = statistics.median(end - start for start, end in itertools.pairwise(ends))
-        return max(each * (self._total - self.done) - (self._clock() - ends[-1]), 0.0)
-
-    @property
-    def text(self) -> str:
-        """For people, such as ` about 40 s left`; empty where nobody knows, or it is hardly worth saying."""
-        left = self.left
-        if left is None or left < LEAST_LEFT_S:
-            return ""
-        return f" about {left:.0f} s left" if left < 100 else f" about {left / 60:.0f} min left"
+                stage.next()
+    finally:
+        stage.is_over = True
 
 
 @contextlib.contextmanager
 def working(label: str, *, quiet: bool, note: Callable[[], str] = str) -> Iterator[None]:
-    """Say on standard error that work goes on: seconds, each second on a terminal, and what `note` says."""
-    terminal, start = sys.stderr.isatty(), time.monotonic()
-
-    def speak() -> None:
-        text = printable(" ".join([f"{time.monotonic() - start:.0f} s", note(), *asides[-1:]]))
-        print(f"\r{label} {text}\033[K" if terminal else f"{label}: {text}\n", end="", file=sys.stderr, flush=True)
-
+    """Say on standard error that work goes on, for how long, and what `note` says."""
     if quiet:
         yield
         return
-    try:
-        with _speaker(speak):
-            yield
-    finally:
-        if terminal:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+    since = time.monotonic()
+    with _speaker.saying(lambda: _joined(f"{label}: {time.monotonic() - since:.0f} s", note(), compiling.text)):
+        yield
 
 
 @contextlib.contextmanager
 def still_there(label: str, *, quiet: bool) -> Iterator[None]:
-    """Say that a command runs, where nothing within it speaks, and in a log which step of it.
-
-    On a terminal these are few characters, and the cursor returns before them: whatever is printed next covers them.
-    """
-    terminal, start = sys.stderr.isatty(), time.monotonic()
-
-    def speak() -> None:
-        seconds = " ".join([f"{time.monotonic() - start:.0f} s", *asides[-1:]])
-        print(f"\r{seconds}\r" if terminal else f"{_step[0]}: {seconds}\n", end="", file=sys.stderr, flush=True)
-
+    """Say that a command runs, and which step of it, where nothing within it speaks."""
     step(label)
     if quiet:
         yield
         return
-    with _speaker(speak):
+    with _speaker.saying(lambda: _step[0]()):
         yield
 
 
-def step(label: str) -> None:
-    """From now on this is what a command does."""
-    _step[0] = label
+def step(label: str, course: Course | None = None) -> None:
+    """From now on this is what a command does, on the way of `course`."""
+    since, run = time.monotonic(), course or Course()
+    _step[0] = lambda: _joined(f"{label}: {time.monotonic() - since:.0f} s", _bar(run), left_of(run), compiling.text)
 
 
-@contextlib.contextmanager
-def _speaker(speak: Callable[[], object]) -> Iterator[None]:
-    """Call `speak` now and then from another thread, while no block within this one has a speaker of its own."""
-    ended, every = threading.Event(), TERMINAL_EVERY_S if sys.stderr.isatty() else LOG_EVERY_S
-
-    def run() -> None:
-        while not ended.wait(every):
-            if _speaking[-1:] == [ended]:
-                speak()
-
-    thread = threading.Thread(target=run, daemon=True)
-    _speaking.append(ended)
-    thread.start()
-    try:
-        yield
-    finally:
-        _speaking.remove(ended)
-        ended.set()
-        thread.join()
+def left_of(course: Course) -> str:
+    """For people, such as `about 40 s left`; empty where nobody knows, or it is hardly worth saying."""
+    left = course.left
+    if left is None or left < LEAST_LEFT_S:
+        return ""
+    return f"about {left:.0f} s left" if left < 100 else f"about {left / 60:.0f} min left"
 
 
-def _bar(total: int | None, label: str) -> Any:
-    """tqdm's, or None where that is not installed."""
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return None
-    return tqdm(total=total, desc=label, delay=1.0, file=sys.stderr)
+def _bar(course: Course) -> str:
+    """How much of the whole is done, on a terminal."""
+    left = course.left
+    if left is None or not sys.stderr.isatty():
+        return ""
+    done = round(BAR * course.seconds / max(course.seconds + left, 1e-9))
+    return f"[{'#' * done}{'.' * (BAR - done)}]"
+
+
+def _joined(*parts: str) -> str:
+    return ", ".join(part for part in parts if part)

@@ -5,7 +5,7 @@ Steps say it to a `Told`, and each door has its own: a command prints, Python wa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import PathLike
 from typing import Literal, TypeVar
 
@@ -27,8 +27,18 @@ class Told:
     def say(self, kind: Kind, text: str, where: str | PathLike[str] = "") -> None:
         """A line about `where`, a scene or a file."""
 
+    def plan(self, stages: Iterable[tuple[str, float]]) -> None:
+        """What is going to be done from here on: labels of steps, in order, and what each is likely to take against the
+        others, so that seconds left can be told of all of them together.
+        """
+
     def progress(
-        self, label: str, items: Iterable[T], note: Callable[[], str] = str, total: int | None = None
+        self,
+        label: str,
+        items: Iterable[T],
+        note: Callable[[], str] = str,
+        total: int | None = None,
+        costs: Sequence[float] | None = None,
     ) -> Iterator[T]:
         """Passes the items of a step on.
 
@@ -37,6 +47,7 @@ class Told:
             items: what it works through.
             note: says how things stand.
             total: how many there are; None for as many as `items` has, where it knows.
+            costs: what each takes against the others, where they are not alike.
         """
         return iter(items)
 

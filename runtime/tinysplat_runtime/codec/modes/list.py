@@ -26,6 +26,7 @@ def encoder(job: Job, views: Views | None = None) -> ListEncoder:
     """What codes the job's Gaussians at any Q_g; views as for `ListEncoder`."""
     from ..list.encoder import ListEncoder
 
+    job.told.say("step", "coding")
     return ListEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats, views=views)
 
 

@@ -48,4 +48,4 @@ def doubts(scene: Scene, told: Told = NOBODY, kinds: Sequence[Callable[[Seen], l
         kinds: of evidence that are looked at.
     """
     seen = Seen.of(scene, told)
-    return next((lines for kind in kinds if (lines := kind(seen))), [])
+    return next((lines for kind in told.progress("checking cameras", kinds) if (lines := kind(seen))), [])

@@ -56,7 +56,7 @@ class Seen:
         looked = set(evenly(count, FEW))
         images, corners_of = [], {}
         frames = list(zip(scene.frames, closer, small.cameras, strict=True))
-        for v, (frame, close, target) in enumerate(told.progress("checking", frames)):
+        for v, (frame, close, target) in enumerate(told.progress("checking photos", frames)):
             photo, camera = None, frame.camera
             if (
                 frame.kept is not None

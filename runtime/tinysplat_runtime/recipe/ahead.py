@@ -1,0 +1,62 @@
+"""Which steps photos go through on their way to a file, and what each is likely to take against the others.
+
+Shares are those of default captures, percent of all (docs/lab/seconds.md); a run corrects them by what its own steps
+take.
+"""
+
+from __future__ import annotations
+
+from ..codec.modes import EITHER, LIST
+from ..graphs.ways import Way
+from ..sparse import usual_steps
+from .request import EncodeRequest
+from .words import Refinement
+
+Steps = list[tuple[str, float]]
+
+CHECKS: Steps = [("checking photos", 1), ("checking cameras", 2)]
+
+CODED: Steps = [("planning", 2), ("coding planes", 9)]
+
+LISTED: Steps = [("looking at views", 8), ("pruning", 12), ("correcting", 13), ("ranking", 6), ("coding", 6)]
+
+LOOKED, REFINED, TRAINED = 4.0, 4.0, 2.2
+"""Of looking at photos before refinement; of a step of it; of a step of training, times photos."""
+
+REFINED_STEPS = 8
+"""Usual ones of a capture."""
+
+COMPARED: Steps = [("comparing photos", 3)]
+
+
+def ahead(way: Way, request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:
+    """All steps of a request, from checks on.
+
+    Args:
+        way: through the network.
+        request: see there.
+        photos: how many.
+        budget: of refinement or training; None for neither.
+        is_coded: whether a file of it is coded, and compared with photos.
+    """
+    choosing: Steps = []
+    if request.mode == EITHER:
+        from .contest import STEPS  # needs numba
+
+        choosing = [*_refined(None), *_trained(photos, STEPS)]
+    return [*CHECKS, *way.steps, *choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
+
+
+def from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:
+    """The steps after the network and the choice of a mode; arguments as above."""
+    if request.mode == LIST:
+        return [*_trained(photos, budget.steps if budget else None), *(LISTED + COMPARED if is_coded else [])]
+    return [*(_refined(budget.steps) if budget else []), *(CODED + COMPARED if is_coded else [])]
+
+
+def _refined(steps: int | None) -> Steps:
+    return [("looking at photos", LOOKED), ("refining", REFINED * (steps or REFINED_STEPS))]
+
+
+def _trained(photos: int, steps: int | None) -> Steps:
+    return [("training", TRAINED * (steps or usual_steps(photos)) / photos)]
