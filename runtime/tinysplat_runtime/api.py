@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
 from .container.records import Limits
-from .errors import InputError, SceneWarning, TinySplatError, warn
+from .errors import InputError, SceneWarning, warn, within
 from .gaussian.gaussians import Gaussians
 from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
@@ -303,13 +303,11 @@ class Runtime:
         from .formats import table
         from .gaussian.editing import select_views
 
-        try:
+        with within(file):
             if file.lower().endswith(SUFFIX):
                 return self.decompress(read_limited(file, MAX_FILE_BYTES), views=views)
             gaussians = table.load_gaussians(file)
             return gaussians if views is None else select_views(gaussians, views)
-        except TinySplatError as error:
-            raise error.within(file) from None
 
     def open(
         self, source: StrPath | IO[bytes], *, cache_bytes: int | None = None, model: str | None = None

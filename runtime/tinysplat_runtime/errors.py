@@ -19,6 +19,8 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from .system.printable import printable
 
@@ -43,6 +45,25 @@ class TinySplatError(Exception):
         if self.where == where or (self.where or "").startswith(f"{where}: "):
             return self
         return type(self)(self.message, where=f"{where}: {self.where}" if self.where else where)
+
+
+@contextmanager
+def within(where: str, joint: str = ": ", known: str | None = None) -> Iterator[None]:
+    """Errors of the block, seen from one level further out.
+
+    Args:
+        where: file, section or field.
+        joint: what stands between it and the error's own place.
+        known: errors whose own place begins so pass as they are.
+    """
+    try:
+        yield
+    except TinySplatError as error:
+        if known is not None and (error.where or "").startswith(known):
+            raise
+        if joint == ": ":
+            raise error.within(where) from None
+        raise type(error)(error.message, where=f"{where}{joint}{error.where}" if error.where else where) from None
 
 
 class InputError(TinySplatError):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos
-from ..errors import FormatError
+from ..errors import within
 from ..gaussian.planes import MAX_QP
 from ..scene.images import doubled
 from ..system.blas import product
@@ -77,10 +77,8 @@ def decode_photos(
     height, width = coded_photo_size(*size)
 
     def decode(view: int) -> NDArray:
-        try:
+        with within(f"photo {view}"):
             planes = PictureDecoder(parameter_sets, height, width, _PIXEL_FORMAT).decode(payloads[view])
-        except FormatError as error:
-            raise FormatError(error.message, where=f"photo {view}") from None
         return planes_picture(planes, *size)
 
     return np.stack(Crew(threads).map(decode, range(len(payloads))))

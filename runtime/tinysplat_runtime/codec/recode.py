@@ -19,7 +19,7 @@ from ..container.layers import CodedLayer, LayerHeader
 from ..container.planes import Planes
 from ..container.reader import read_container
 from ..container.records import ChannelRecord, CodedChannel, Limits
-from ..errors import FormatError, InputError
+from ..errors import InputError, within
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
 from ..gaussian.sh import resized_sh
@@ -77,13 +77,10 @@ def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
         NumericError: as `SceneEncoder`.
     """
     gaussians, stats = job.gaussians, job.stats
-    with stats.watch.stage("parse"):
-        try:
-            container = read_container(file, limits)
-            layers, profile = _checked(gaussians, container)
-            earlier = decode_file(container, job.store, threads=job.threads)
-        except FormatError as error:
-            raise error.within(_WHERE) from None
+    with stats.watch.stage("parse"), within(_WHERE):
+        container = read_container(file, limits)
+        layers, profile = _checked(gaussians, container)
+        earlier = decode_file(container, job.store, threads=job.threads)
     coded, crew = [], Crew(job.threads)
     for index, layer in enumerate(layers):
         pair = gaussians.layers[index], earlier.layers[index]

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, warn
+from ..errors import warn, within
 from ..gaussian.gaussians import Gaussians
 from ..scene.neighbours import CLOSE, Group
 from ..scene.scenes import Scene
@@ -144,7 +144,5 @@ class OneByOne(Way):
 
 def _groups(scene: Scene, graph: Graph, shared: float = np.inf) -> tuple[Group, ...]:
     scene.check_one_size()
-    try:
+    with within(str(scene.path)):
         return capture_groups(scene.cameras, *scene.depth_range(), NetworkLimits.of(graph), shared)
-    except InputError as error:
-        raise error.within(str(scene.path)) from None

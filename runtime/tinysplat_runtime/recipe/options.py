@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, ClassVar, TypeVar
 
-from ..errors import InputError
+from ..errors import InputError, within
 from .words import shown
 
 Asked = TypeVar("Asked", bound="Options")
@@ -48,10 +48,8 @@ class Option:
             given = self.usual
         if given is False and self.off is not None:
             given = self.off
-        try:
+        with within(name):
             value = self.kind(given)
-        except InputError as error:
-            raise error.within(name) from None
         if self.choices and value not in self.choices:
             raise InputError(f"{shown(given)}, accepted are {', '.join(map(str, self.choices))}", where=name)
         return value

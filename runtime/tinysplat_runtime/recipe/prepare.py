@@ -11,7 +11,7 @@ import numpy as np
 
 from ..codec.modes import PHOTOS
 from ..container.layout import MAX_VIEWS
-from ..errors import InputError
+from ..errors import InputError, within
 from ..graphs.enlarge import LARGE_PIXELS
 from ..scene import BACKGROUND, MOVING
 from ..scene.intake.layouts import load_scene
@@ -238,10 +238,8 @@ def _range_seen(scene: Scene, told: Told) -> tuple[float, float]:
         scene = scene.views(needed_views(scene.cameras, *_range_or_guess(scene), RANGE_VIEWS))
     side = LOOK_WIDTH if len(scene.frames) in ALL_VIEWS else RANGE_SIDE
     small = scene.resized(*thumbnail_size(scene.cameras[0], side))
-    try:
+    with within(str(scene.path)):
         return range_seen(small.images(told), small.cameras, told)
-    except InputError as error:
-        raise error.within(str(scene.path)) from None
 
 
 def _caused(error: InputError, scene: Scene) -> InputError:

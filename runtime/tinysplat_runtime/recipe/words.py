@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..system.files import StrPath
 from ..system.printable import type_of
 
@@ -61,10 +61,8 @@ class Refinement:
     def __post_init__(self) -> None:
         for value, kind in ((self.steps, whole), (self.seconds, number)):
             if value is not None:
-                try:
+                with within("refine"):
                     kind(value)
-                except InputError as error:
-                    raise error.within("refine") from None
         if self.steps is not None and self.seconds is not None:
             raise InputError("expected steps or seconds, and one of them", where="refine")
 

@@ -19,7 +19,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..system.files import StrPath, read_limited
 from . import heic
 from .cameras import MAX_IMAGE_SIDE
@@ -94,13 +94,11 @@ def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArr
             where no package reads that.
     """
     photo = _headers(path)
-    try:
+    with within(str(path)):
         if photo.codec == "heic":
             pixels = _opaque(*heic.decoded(heic.opened(photo.data)))
         else:
             pixels = _opaque(_samples_of(_decode(photo, shrink), photo.is_16_bit), photo.colours)
-    except InputError as error:
-        raise error.within(str(path)) from None
     return _orient(pixels, photo.orientation) if upright else pixels
 
 
@@ -117,10 +115,8 @@ def is_transparent(path: StrPath) -> bool:
 def read_opacity(path: StrPath, *, upright: bool = True) -> NDArray:
     """(H, W) uint8 opacities of such a file's pixels, as `read_image` has these; its errors."""
     photo = _headers(path)
-    try:
+    with within(str(path)):
         samples = _samples_of(_decode(photo, 1), photo.is_16_bit)
-    except InputError as error:
-        raise error.within(str(path)) from None
     opacity = _of_8_bits(samples[..., -1])
     return _orient(opacity, photo.orientation) if upright else opacity
 
@@ -143,7 +139,7 @@ def is_turned(path: StrPath) -> bool:
 
 def _headers(path: StrPath) -> _Stripped:
     """A photo's parts, once they are known to be of a size that may be decoded; errors of `image_size`."""
-    try:
+    with within(str(path)):
         stripped = _strip(read_limited(path, MAX_FILE_BYTES))
         size = f"{stripped.width}x{stripped.height} pixels"
         if not (0 < stripped.width <= MAX_IMAGE_SIDE and 0 < stripped.height <= MAX_IMAGE_SIDE):
@@ -151,8 +147,6 @@ def _headers(path: StrPath) -> _Stripped:
         if stripped.width * stripped.height > MAX_PIXELS:
             raise InputError(f"{size}, expected at most {MAX_PIXELS} in all")
         return stripped
-    except InputError as error:
-        raise error.within(str(path)) from None
 
 
 def _strip(data: bytes) -> _Stripped:

@@ -9,7 +9,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..system.files import StrPath, write_atomically
 
 _RGB_TO_JPEG = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])  # JFIF
@@ -26,10 +26,8 @@ def write_png(path: StrPath, image: NDArray) -> None:
         InputError: another shape or type, or NaN.
         OSError: the file cannot be written.
     """
-    try:
+    with within(str(path)):
         data = png_bytes(image)
-    except InputError as error:
-        raise error.within(str(path)) from None
     write_atomically(path, data)
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from ...errors import InputError
+from ...errors import InputError, within
 from ...system.files import read_limited
 from ...system.jsonfields import JsonObject, as_object, depth, frame_entries, kind_of, parse_json, photo_name
 from ..cameras import Camera
@@ -36,7 +36,7 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
     Raises:
         InputError: names the file and the field at fault.
     """
-    try:
+    with within(str(file)):
         document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
             return Scene(file.parent, tuple(inria_frames(file.parent, document)), near, far)
@@ -46,20 +46,16 @@ def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
         frames = [frames[i] for i in present(photos, str(file))]
         near = depth(document, "near") if near is None else near
         far = depth(document, "far") if far is None else far
-    except InputError as error:
-        raise error.within(str(file)) from None
     return Scene(file.parent, tuple(frames), near, far)
 
 
 def cameras_alone(file: Path) -> list[Camera]:
     """The cameras of a `cameras.json`, whose frames need name no photo; errors of `load_folder`."""
-    try:
+    with within(str(file)):
         document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
             return inria_cameras(document)
         return [_camera(i, entry) for i, entry in enumerate(frame_entries(as_object(document)))]
-    except InputError as error:
-        raise error.within(str(file)) from None
 
 
 def camera_entry(file: str, camera: Camera) -> JsonObject:
@@ -92,7 +88,5 @@ def _camera(i: int, entry: JsonObject) -> Camera:
         if type(entry[name]) is not int:
             fault = f"{json.dumps(entry[name])[:40]} (a JSON {kind_of(entry[name])})"
             raise InputError(f"{fault}, expected a whole number", where=f"frames[{i}].{name}")
-    try:
+    with within(f"frames[{i}]", "."):
         return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
-    except InputError as error:
-        raise InputError(error.message, where=f"frames[{i}].{error.where}") from None

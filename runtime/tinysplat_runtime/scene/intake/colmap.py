@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import InputError, warn
+from ...errors import InputError, warn, within
 from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
@@ -81,13 +81,11 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
     if not found.photos:
         raise InputError("a model without a photo that has a pose", where=str(model))
     entries = sorted(found.photos, key=lambda photo: photo.name)
-    try:
+    with within(str(model)):
         for entry in entries:
             check_inside(entry.name, "images")
         photos = _photos(folder, model, [entry.name for entry in entries])
         frames = [_frame(photos[i], entries[i]) for i in present(photos, str(model))]
-    except InputError as error:
-        raise error.within(str(model)) from None
     w2c = np.stack([photo.w2c for photo in found.photos])  # (V, 3, 4)
     depths = observed_range(w2c, found.points, found.observations)
     if None in depths:
@@ -125,9 +123,7 @@ _lens = lru_cache(maxsize=256)(Lens)
 
 
 def _frame(photo: Path, entry: ModelPhoto) -> Frame:
-    try:
+    with within(entry.name):
         lens = lens_of_copy(_lens(*entry.camera), photo)
         seen: Camera = lens.camera(np.linalg.inv(np.vstack([entry.w2c, [0, 0, 0, 1]])))
-    except InputError as error:
-        raise error.within(entry.name) from None
     return Frame(seen, photo, lens=None if lens.is_pinhole else lens)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, warn
+from ...errors import InputError, warn, within
 from ...system.files import read_limited
 from ...system.jsonfields import JsonObject, kind_of, parse_json, parse_object
 from ..cameras import finite_array
@@ -49,10 +49,8 @@ def export_reader(folder: Path) -> Reader | None:
 
 def _reader(there: Path, document: Callable[[Path], JsonObject]) -> Reader:
     def load(folder: Path, near: float | None, far: float | None) -> Scene:
-        try:
+        with within(str(there), known=str(folder)):
             return Scene(folder, frames_of(folder, document(there), str(there)), near, far)
-        except InputError as error:
-            raise error if error.where and error.where.startswith(str(folder)) else error.within(str(there)) from None
 
     return load
 
@@ -61,13 +59,11 @@ def _polycam(cameras: Path) -> JsonObject:
     photos = f"{POLYCAM}/{cameras.name.replace('cameras', 'images')}"
     frames = []
     for file in sorted(file for file in cameras.glob("*.json") if not file.name.startswith(".")):
-        try:
+        with within(str(file)):
             entry = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
             names = {"fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy", "w": "width", "h": "height"}
             frame: JsonObject = {short: _numbers(entry, name, ()).item() for short, name in names.items()}
             pose = [[_numbers(entry, f"t_{row}{column}", ()).item() for column in range(4)] for row in range(3)]
-        except InputError as error:
-            raise error.within(str(file)) from None
         frames.append({**frame, "transform_matrix": pose, "file_path": f"{photos}/{file.stem}"})
     return {"frames": frames}
 

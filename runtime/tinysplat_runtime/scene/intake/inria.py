@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, within
 from ...system.jsonfields import kind_of, photo_name
 from ..cameras import Camera, finite_array
 from ..lenses import intrinsics
@@ -57,7 +57,5 @@ def _camera(where: str, entry: Any) -> Camera:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError(f"{str(value)[:40]} (a JSON {kind_of(value)}), expected a number", where=f"{where}.{name}")
     width, height = int(entry["width"]), int(entry["height"])
-    try:
+    with within(where, "."):
         return Camera(intrinsics(entry["fx"], entry["fy"], width / 2, height / 2), c2w, width, height)
-    except InputError as error:
-        raise InputError(error.message, where=f"{where}.{error.where}") from None

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...errors import InputError, within
 from ...system.files import parsing, read_limited
 from ..cameras import Camera
 from ..images import image_size
@@ -52,11 +52,8 @@ def load_llff(folder: Path, near: float | None, far: float | None) -> Scene:
 def _rows(file: Path) -> NDArray:
     """(V, 17) float64."""
     data = read_limited(file, _MAX_BYTES)
-    try:
-        with parsing(".npy file"):
-            rows = np.load(io.BytesIO(data), allow_pickle=False)
-    except InputError as error:
-        raise error.within(str(file)) from None
+    with within(str(file)), parsing(".npy file"):
+        rows = np.load(io.BytesIO(data), allow_pickle=False)
     if rows.ndim != 2 or rows.shape[1] != _ROW or rows.dtype.kind not in "fi" or not len(rows):
         raise InputError(f"shape {rows.shape} of {rows.dtype}, expected (V, {_ROW}) numbers", where=str(file))
     if not np.isfinite(rows).all():
@@ -72,7 +69,5 @@ def _camera(file: Path, i: int, row: NDArray, photo: Path) -> Camera:
     if min(height, width) < 1:
         raise InputError(f"{width:g}x{height:g} pixels, expected 1 or more", where=f"{file}: row {i}")
     K = intrinsics(focal * size[1] / width, focal * size[0] / height, size[1] / 2, size[0] / 2)
-    try:
+    with within(f"{file}: row {i}", ", "):
         return Camera(K, c2w, size[1], size[0])
-    except InputError as error:
-        raise InputError(error.message, where=f"{file}: row {i}, {error.where}") from None

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ...errors import InputError, warn
+from ...errors import InputError, warn, within
 from ...system.files import parsing, read_limited
 from ..lenses import Lens, brown_lens, opencv_lens
 from ..scenes import MAX_CAMERAS_BYTES
@@ -98,12 +98,10 @@ def _lens(sensor: ElementTree.Element, size: tuple[int, int]) -> Lens:
     fx, fy = value("fx") or value("f") + value("b1"), value("fy") or value("f")
     centre = (width / 2 + value("cx"), height / 2 + value("cy"))
     radial, tangential = [value(f"k{n}") for n in range(1, 5)], (value("p2"), value("p1"))
-    try:
+    with within(name):
         if kind == "fisheye":
             return opencv_lens((fx, fy), centre, [*radial, 0.0, 0.0, *tangential], (height, width), fisheye=True)
         return brown_lens((fx, fy), centre, radial, tangential, (height, width))
-    except InputError as error:
-        raise error.within(name) from None
 
 
 def _values(calibration: ElementTree.Element, name: str) -> Callable[[str], float]:

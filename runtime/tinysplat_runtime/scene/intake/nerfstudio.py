@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, warn
+from ...errors import InputError, warn, within
 from ...system.files import parsing, read_limited
 from ...system.jsonfields import JsonObject, depth, frame_entries, kind_of, parse_object, photo_name
 from ...system.ply import ply_elements
@@ -46,7 +46,7 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
         InputError: names the file and the field at fault.
     """
     file = path / (FILE if (path / FILE).exists() else BLENDER_FILE) if path.is_dir() else path
-    try:
+    with within(str(file), known=str(file.parent)):
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
         frames = frames_of(file.parent, document, str(file))
         near = depth(document, "near") if near is None else near
@@ -54,8 +54,6 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
         if near is None or far is None:
             depths = _depths_of_points(file.parent, document, [frame.camera for frame in frames])
             near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
-    except InputError as error:
-        raise error if error.where and error.where.startswith(str(file.parent)) else error.within(str(file)) from None
     return Scene(file.parent, frames, near, far)
 
 
@@ -72,14 +70,9 @@ def frames_of(folder: Path, document: JsonObject, named: str) -> tuple[Frame, ..
 
 def _frame(folder: Path, document: JsonObject, i: int, entry: JsonObject, photo: Path) -> Frame:
     fields = {**document, **entry}
-    try:
+    with within(f"frames[{i}]", ".", known=str(folder)):
         lens = lens_of_copy(_lens(fields, photo), photo)
         camera = lens.camera(_pose(entry))
-    except InputError as error:
-        if error.where and error.where.startswith(str(folder)):
-            raise
-        where = f"frames[{i}].{error.where}" if error.where else f"frames[{i}]"
-        raise InputError(error.message, where=where) from None
     return Frame(camera, photo, lens=None if lens.is_pinhole else lens, mask=_mask(folder, i, entry))
 
 

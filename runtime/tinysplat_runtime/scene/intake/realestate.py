@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...errors import InputError, within
 from ...system.files import read_limited
 from ..cameras import Camera
 from ..footage import SUFFIXES as VIDEO_SUFFIXES
@@ -48,15 +48,13 @@ def load_realestate(file: Path, near: float | None, far: float | None, video: Pa
     frames = []
     for line, (stamp, row) in rows.items():
         photo = photos.get(line)
-        try:
+        with within(f"{file}: line {line}"):
             if clip is not None:
                 index = clip.index_at(int(stamp) / MICROSECONDS)
                 camera = _camera(row, (clip.height, clip.width))
                 frames.append(Frame(camera, clip.path, video=clip, index=index))
             elif photo is not None:
                 frames.append(Frame(_camera(row, image_size(photo)), photo))
-        except InputError as error:
-            raise error.within(f"{file}: line {line}") from None
     if not frames:
         looked = ", ".join(str(folder) for folder in folders)
         raise InputError(f"no photo called after a time stamp in {looked}, and no video beside it", where=str(file))

@@ -9,7 +9,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...errors import InputError, within
 from ...system.jsonfields import MAX_PATH_LENGTH
 from ..images import image_size
 from ..lenses import Lens
@@ -55,7 +55,7 @@ def load_track(file: Path, read: Callable[[Path], Track], near: float | None, fa
     Raises:
         InputError: names the file and the camera or field at fault, or says that none of the photos is there.
     """
-    try:
+    with within(str(file)):
         track = read(file)
         if not track.cameras:
             raise InputError("no camera with a pose")
@@ -66,8 +66,6 @@ def load_track(file: Path, read: Callable[[Path], Track], near: float | None, fa
         if not any(is_there(photo) for photo in photos):
             raise InputError(f"none of its {len(photos)} photos ({photos[0].name}, …) is beside it or in images/")
         frames = [_frame(cameras[i], photos[i]) for i in present(photos, str(file))]
-    except InputError as error:
-        raise error.within(str(file)) from None
     depths = depth_range_in_view(track.points, [frame.camera for frame in frames])
     near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
     return Scene(file.parent, even_sizes(frames), near, far)
@@ -89,11 +87,9 @@ def _photo(root: Path, name: str) -> Path:
 
 
 def _frame(camera: Tracked, photo: Path) -> Frame:
-    try:
+    with within(camera.name[:60]):
         lens = lens_of_copy(camera.lens(image_size(photo)), photo)
         return Frame(lens.camera(camera.c2w), photo, lens=None if lens.is_pinhole else lens)
-    except InputError as error:
-        raise error.within(camera.name[:60]) from None
 
 
 def numbers(where: str, words: object, count: int) -> NDArray:

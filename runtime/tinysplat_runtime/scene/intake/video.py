@@ -10,7 +10,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from ...errors import InputError
+from ...errors import InputError, within
 from ...system.files import StrPath
 from ..footage import SUFFIXES, open_video
 from ..scenes import Frame, Scene
@@ -43,13 +43,11 @@ def video_scene(
     for frame in scene.frames:
         frame = _as_taken(frame)
         stated = frame.lens or frame.photo_camera or frame.camera
-        try:
+        with within(f"{poses}: {frame.path.name}"):
             index = clip.check_index(_number(frame) - first_number)
             if (stated.height, stated.width) != (clip.height, clip.width):
                 fault = f"{clip.width}x{clip.height} pixels, but the camera states {stated.width}x{stated.height}"
                 raise InputError(fault, where=str(video))
-        except InputError as error:
-            raise error.within(f"{poses}: {frame.path.name}") from None
         frames.append(replace(frame, path=clip.path, video=clip, index=index))
     return replace(scene, frames=tuple(frames))
 
