@@ -110,7 +110,7 @@ def test_photos_of_several_sizes_need_one_chosen(folder: Path) -> None:
 
 def test_depth_range_comes_from_options_first_and_is_needed_only_when_asked_for(folder: Path) -> None:
     assert load_scene(folder, near=2.0).depth_range() == (2.0, FAR)
-    rewrite(folder, lambda d: d.update(near=-1, far=None))
+    rewrite(folder, lambda d: d.update(near=None, far=None))
     scene = load_scene(folder, near=1.0)
     with refusing(InputError, "--far"):
         scene.depth_range()

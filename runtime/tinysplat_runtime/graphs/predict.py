@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, ModelError, NumericError
 from ..gaussian.gaussians import FIELDS, Gaussians
-from ..scene.cameras import Camera
-from ..system.jsonfields import MAX_DEPTH
+from ..scene.cameras import MAX_DEPTH, Camera
 from .inference import Graph, as_input
 
 FAR_FROM_ORIGIN = 128.0

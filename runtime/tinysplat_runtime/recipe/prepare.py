@@ -90,8 +90,7 @@ def named_scene(request: EncodeRequest) -> Scene:
     if isinstance(request.scene, Scene):
         if given or request.poses is not None:
             raise InputError("with a Scene, which has its cameras; expected none", where=(*given, "poses")[0])
-        scene = request.scene
-        return replace(scene, near=scene.near if near is None else near, far=scene.far if far is None else far)
+        return request.scene.between(near, far)
     paths = [request.scene] if isinstance(request.scene, str | os.PathLike) else request.scene
     is_list = isinstance(paths, Sequence) and not isinstance(paths, bytes)
     if not is_list or not all(isinstance(path, str | os.PathLike) for path in paths):

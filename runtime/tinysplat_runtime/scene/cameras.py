@@ -21,6 +21,9 @@ MAX_IMAGE_SIDE = 1 << 16
 MIN_FOCAL_PX, MAX_INTRINSIC_PX = 1e-6, 1e9
 """Least focal length, and largest magnitude of any entry of K: products of two stay well inside float32."""
 
+MAX_DEPTH = 1e30
+"""Depths in float32, and what they are multiplied with, stay finite below it."""
+
 MAX_POSITION = 1e15
 """Largest magnitude of a coordinate of a camera or an origin; float64 cannot tell tenths of a unit apart beyond it."""
 

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, warn
-from ..system.jsonfields import MAX_DEPTH
 from ..system.printable import type_of
 from ..system.told import NOBODY, Told
 from . import BACKGROUND
-from .cameras import Camera, check_is_in_pixels
+from .cameras import MAX_DEPTH, Camera, check_is_in_pixels
 from .footage import Video
 from .images import read_image
 from .lenses import Lens
@@ -62,6 +61,11 @@ class Frame:
     taken_with: Lens | None = None
     mask: Mask | None = None
     kept: dict[str, NDArray | None] | None = field(default=None, repr=False)
+
+    @classmethod
+    def through(cls, lens: Lens, c2w: NDArray, path: Path, mask: Mask | None = None) -> Frame:
+        """A photo that a lens took at pose (4, 4); errors of `Lens.camera`."""
+        return cls(lens.camera(c2w), path, lens=None if lens.is_pinhole else lens, mask=mask)
 
     def resized(self, height: int, width: int, *, keep: bool = False) -> Frame:
         """The frame scaled to cover height × width and cropped around its centre; always from the whole photo."""
@@ -226,6 +230,10 @@ class Scene:
     def cameras(self) -> list[Camera]:
         """One camera per frame."""
         return [frame.camera for frame in self.frames]
+
+    def between(self, near: float | None, far: float | None) -> Scene:
+        """The scene between other depths, where they are not None."""
+        return replace(self, near=self.near if near is None else near, far=self.far if far is None else far)
 
     def views(self, indices: Iterable[int]) -> Scene:
         """The scene of some frames, in the order given.

@@ -15,38 +15,39 @@ Trust boundary: the file is bounded in size, may not hold NaN, and names photos 
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from ...errors import InputError, within
+from ...errors import within
 from ...system.files import read_limited
-from ...system.jsonfields import JsonObject, as_object, depth, frame_entries, kind_of, parse_json, photo_name
+from ...system.jsonfields import JsonObject, parse_json
 from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
+from .fields import Fields
 from .inria import inria_cameras, inria_frames
 from .photos import find_photo, present
 
 CAMERAS_FILE = "cameras.json"
 
 
-def load_folder(file: Path, near: float | None, far: float | None) -> Scene:
-    """The scene of a `cameras.json`; near and far replace the file's own.
+def load_folder(file: Path) -> Scene:
+    """The scene of a `cameras.json`.
 
     Raises:
         InputError: names the file and the field at fault.
     """
+    folder = file.parent
     with within(str(file)):
         document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
-            return Scene(file.parent, tuple(inria_frames(file.parent, document)), near, far)
-        entries = frame_entries(as_object(document))
-        photos = [find_photo(file.parent, photo_name(i, entry)) for i, entry in enumerate(entries)]
-        frames = [Frame(_camera(i, e), photos[i], taken_with=_taken_with(i, e)) for i, e in enumerate(entries)]
-        frames = [frames[i] for i in present(photos, str(file))]
-        near = depth(document, "near") if near is None else near
-        far = depth(document, "far") if far is None else far
-    return Scene(file.parent, tuple(frames), near, far)
+            return Scene(folder, tuple(inria_frames(folder, document)))
+        fields = Fields(document)
+        entries = fields.each("frames", 1)
+        photos = [find_photo(folder, entry.photo("file")) for entry in entries]
+        frames = [Frame(_camera(e), photo, taken_with=_taken_with(e)) for e, photo in zip(entries, photos, strict=True)]
+        chosen = [frames[i] for i in present(photos, str(file))]
+        near, far = fields.depth("near"), fields.depth("far")
+    return Scene(folder, tuple(chosen), near, far)
 
 
 def cameras_alone(file: Path) -> list[Camera]:
@@ -55,7 +56,7 @@ def cameras_alone(file: Path) -> list[Camera]:
         document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
         if isinstance(document, list):
             return inria_cameras(document)
-        return [_camera(i, entry) for i, entry in enumerate(frame_entries(as_object(document)))]
+        return [_camera(entry) for entry in Fields(document).each("frames", 1)]
 
 
 def camera_entry(file: str, camera: Camera) -> JsonObject:
@@ -69,24 +70,15 @@ def lens_entry(lens: Lens) -> JsonObject:
     return {"model": lens.model, "params": list(lens.params), "width": lens.width, "height": lens.height}
 
 
-def _taken_with(i: int, entry: JsonObject) -> Lens | None:
-    given = entry.get("taken_with")
-    if given is None:
+def _taken_with(entry: Fields) -> Lens | None:
+    if entry.values.get("taken_with") is None:
         return None
-    try:
-        params = tuple(float(value) for value in given["params"])
-        return Lens(str(given["model"]), params, given["width"], given["height"])
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise InputError("expected model, params, width and height", where=f"frames[{i}].taken_with") from None
+    given = entry.inside("taken_with")
+    params = tuple(given.array("params", (-1,)).tolist())
+    return Lens(str(given.value("model")), params, given.whole("width"), given.whole("height"))
 
 
-def _camera(i: int, entry: JsonObject) -> Camera:
-    for name in ("K", "c2w", "width", "height"):
-        if name not in entry:
-            raise InputError("missing", where=f"frames[{i}].{name}")
-    for name in ("width", "height"):
-        if type(entry[name]) is not int:
-            fault = f"{json.dumps(entry[name])[:40]} (a JSON {kind_of(entry[name])})"
-            raise InputError(f"{fault}, expected a whole number", where=f"frames[{i}].{name}")
-    with within(f"frames[{i}]", "."):
-        return Camera(K=entry["K"], c2w=entry["c2w"], width=entry["width"], height=entry["height"])
+def _camera(entry: Fields) -> Camera:
+    K, c2w, width, height = entry.value("K"), entry.value("c2w"), entry.whole("width"), entry.whole("height")
+    with within(entry.where, "."):
+        return Camera(K, c2w, width, height)

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError, warn, within
-from ..cameras import Camera
 from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
 from .colmap_model import ModelPhoto, read_model
@@ -66,7 +65,7 @@ def _size(model: Path) -> int:
         return 0
 
 
-def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
+def load_colmap(folder: Path) -> Scene:
     """Read a COLMAP project; photos in the order of their names.
 
     Raises:
@@ -90,8 +89,7 @@ def load_colmap(folder: Path, near: float | None, far: float | None) -> Scene:
     depths = observed_range(w2c, found.points, found.observations)
     if None in depths:
         depths = depth_range_in_view(found.points, [frame.camera for frame in frames])
-    near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
-    return Scene(folder, even_sizes(frames), near, far)
+    return Scene(folder, even_sizes(frames), *depths)
 
 
 def _say_others(folder: Path, model: Path) -> None:
@@ -125,5 +123,4 @@ _lens = lru_cache(maxsize=256)(Lens)
 def _frame(photo: Path, entry: ModelPhoto) -> Frame:
     with within(entry.name):
         lens = lens_of_copy(_lens(*entry.camera), photo)
-        seen: Camera = lens.camera(np.linalg.inv(np.vstack([entry.w2c, [0, 0, 0, 1]])))
-    return Frame(seen, photo, lens=None if lens.is_pinhole else lens)
+        return Frame.through(lens, np.linalg.inv(np.vstack([entry.w2c, [0, 0, 0, 1]])), photo)

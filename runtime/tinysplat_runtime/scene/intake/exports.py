@@ -15,28 +15,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, warn, within
 from ...system.files import read_limited
-from ...system.jsonfields import JsonObject, kind_of, parse_json, parse_object
-from ..cameras import finite_array
+from ...system.jsonfields import JsonObject, kind_of, parse_json
 from ..scenes import MAX_CAMERAS_BYTES, Scene
+from .fields import Fields
 from .nerfstudio import OPENGL_TO_OPENCV, frames_of
+from .tracked import posed
 
 POLYCAM, RECORD3D, OPENSFM = "keyframes", "metadata.json", "reconstruction.json"
 
-Reader = Callable[[Path, float | None, float | None], Scene]
-"""Takes a path, near and far; the latter two replace the scene's own where they are not None."""
+Reader = Callable[[Path], Scene]
+"""Takes the path of a scene."""
 
 _MODELS = ("perspective", "simple_radial", "radial", "brown")
 
 
 def export_reader(folder: Path) -> Reader | None:
-    """What reads a folder of one of these tools, given near and far; None for any other."""
+    """What reads a folder of one of these tools; None for any other."""
     documents = {
         folder / POLYCAM / "corrected_cameras": _polycam,
         folder / POLYCAM / "cameras": _polycam,
@@ -48,35 +48,35 @@ def export_reader(folder: Path) -> Reader | None:
 
 
 def _reader(there: Path, document: Callable[[Path], JsonObject]) -> Reader:
-    def load(folder: Path, near: float | None, far: float | None) -> Scene:
+    def load(folder: Path) -> Scene:
         with within(str(there), known=str(folder)):
-            return Scene(folder, frames_of(folder, document(there), str(there)), near, far)
+            return Scene(folder, frames_of(folder, document(there), str(there)))
 
     return load
 
 
 def _polycam(cameras: Path) -> JsonObject:
     photos = f"{POLYCAM}/{cameras.name.replace('cameras', 'images')}"
+    names = {"fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy", "w": "width", "h": "height"}
     frames = []
     for file in sorted(file for file in cameras.glob("*.json") if not file.name.startswith(".")):
         with within(str(file)):
-            entry = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
-            names = {"fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy", "w": "width", "h": "height"}
-            frame: JsonObject = {short: _numbers(entry, name, ()).item() for short, name in names.items()}
-            pose = [[_numbers(entry, f"t_{row}{column}", ()).item() for column in range(4)] for row in range(3)]
+            entry = Fields(parse_json(read_limited(file, MAX_CAMERAS_BYTES)))
+            frame: JsonObject = {short: entry.number(name) for short, name in names.items()}
+            pose = [[entry.number(f"t_{row}{column}") for column in range(4)] for row in range(3)]
         frames.append({**frame, "transform_matrix": pose, "file_path": f"{photos}/{file.stem}"})
     return {"frames": frames}
 
 
 def _record3d(file: Path) -> JsonObject:
-    document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
-    K, poses = _numbers(document, "K", (9,)).reshape(3, 3).T, _numbers(document, "poses", (-1, 7))
+    document = Fields(parse_json(read_limited(file, MAX_CAMERAS_BYTES)))
+    K, poses = document.array("K", (9,)).reshape(3, 3).T, document.array("poses", (-1, 7))
     frames = []
     for i, (x, y, z, w, *centre) in enumerate(poses):
         pose = np.column_stack([_rotation(w, x, y, z, f"poses[{i}]"), centre])
         frames.append({"file_path": f"rgb/{i}", "transform_matrix": pose.tolist()})
     lens = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
-    size = {side: _numbers(document, side, ()).item() for side in "wh"}
+    size = {side: document.number(side) for side in "wh"}
     return {**{name: float(value) for name, value in lens.items()}, **size, "frames": frames}
 
 
@@ -84,70 +84,48 @@ def _opensfm(file: Path) -> JsonObject:
     reconstructions = parse_json(read_limited(file, MAX_CAMERAS_BYTES))
     if not isinstance(reconstructions, list) or not reconstructions:
         raise InputError(f"a JSON {kind_of(reconstructions)}, expected a list of one reconstruction or more")
-    parts = [_object(part, f"[{i}]") for i, part in enumerate(reconstructions)]
-    shots = [_object(part.get("shots"), f"[{i}].shots") for i, part in enumerate(parts)]
+    parts = [Fields(part, f"[{i}]") for i, part in enumerate(reconstructions)]
+    shots = [part.inside("shots").values for part in parts]
     largest = max(range(len(parts)), key=lambda i: len(shots[i]))
     if len(parts) > 1:
         others = sum(map(len, shots)) - len(shots[largest])
         warn(f"{file}: {len(parts)} reconstructions; the largest is read, {others} photos of others are left out")
-    cameras = _object(parts[largest].get("cameras"), f"[{largest}].cameras")
-    lenses = {name: _opensfm_lens(_object(camera, name), name) for name, camera in cameras.items()}
+    cameras = parts[largest].inside("cameras").values
+    lenses = {name: _opensfm_lens(Fields(camera, name)) for name, camera in cameras.items()}
     frames = []
-    for name, shot in sorted(shots[largest].items()):
-        shot = _object(shot, name)
-        if shot.get("camera") not in lenses:
-            raise InputError(f"{str(shot.get('camera'))[:60]}, which is none of the cameras", where=f"{name}.camera")
-        frames.append({"file_path": f"images/{name}", **lenses[shot["camera"]], "transform_matrix": _c2w(shot, name)})
+    for name, entry in sorted(shots[largest].items()):
+        shot = Fields(entry, name)
+        if (camera := shot.values.get("camera")) not in lenses:
+            raise InputError(f"{str(camera)[:60]}, which is none of the cameras", where=shot.place("camera"))
+        frames.append({"file_path": f"images/{name}", **lenses[camera], "transform_matrix": _c2w(shot)})
     return {"frames": frames}
 
 
-def _c2w(shot: JsonObject, name: str) -> list[list[float]]:
+def _c2w(shot: Fields) -> list[list[float]]:
     """Camera to world with OpenGL axes, from a turn and a shift into the camera."""
-    turn, shift = (_numbers(shot, key, (3,), name) for key in ("rotation", "translation"))
+    turn, shift = shot.array("rotation", (3,)), shot.array("translation", (3,))
     angle = float(np.linalg.norm(turn))
     sine = math.sin(angle / 2) / angle if angle else 0.5
     x, y, z = (sine * turn).tolist()
-    into = _rotation(math.cos(angle / 2), x, y, z, f"{name}.rotation")
-    pose = np.vstack([np.column_stack([into.T, -into.T @ shift]), [0, 0, 0, 1]])
-    return (pose @ OPENGL_TO_OPENCV).tolist()
+    into = _rotation(math.cos(angle / 2), x, y, z, shot.place("rotation"))
+    return (posed(into.T, -into.T @ shift) @ OPENGL_TO_OPENCV).tolist()
 
 
-def _opensfm_lens(camera: JsonObject, name: str) -> JsonObject:
-    if camera.get("projection_type") not in _MODELS:
-        fault = f"{str(camera.get('projection_type'))[:40]}, expected one of {', '.join(_MODELS)}"
-        raise InputError(fault, where=f"{name}.projection_type")
-    values = {"c_x": 0.0, "c_y": 0.0, "k1": 0.0, "k2": 0.0, "k3": 0.0, "p1": 0.0, "p2": 0.0, **camera}
-    if "focal" in camera:
-        values = {"focal_x": camera["focal"], "focal_y": camera["focal"], **values}
-
-    def number(key: str) -> float:
-        return float(_numbers(values, key, (), name))
-
-    width, height = number("width"), number("height")
-    longer = max(width, height)
+def _opensfm_lens(camera: Fields) -> JsonObject:
+    if (model := camera.values.get("projection_type")) not in _MODELS:
+        fault = f"{str(model)[:40]}, expected one of {', '.join(_MODELS)}"
+        raise InputError(fault, where=camera.place("projection_type"))
+    width, height = camera.number("width"), camera.number("height")
+    longer, focal = max(width, height), camera.values.get("focal")
     return {
-        "fl_x": number("focal_x") * longer,
-        "fl_y": number("focal_y") * longer,
+        "fl_x": camera.number("focal_x", focal) * longer,
+        "fl_y": camera.number("focal_y", focal) * longer,
         "w": width,
         "h": height,
-        "cx": width / 2 + number("c_x") * longer,
-        "cy": height / 2 + number("c_y") * longer,
-        **{key: number(key) for key in ("k1", "k2", "k3", "p1", "p2")},
+        "cx": width / 2 + camera.number("c_x", 0.0) * longer,
+        "cy": height / 2 + camera.number("c_y", 0.0) * longer,
+        **{key: camera.number(key, 0.0) for key in ("k1", "k2", "k3", "p1", "p2")},
     }
-
-
-def _object(value: Any, where: str) -> JsonObject:
-    if not isinstance(value, dict):
-        raise InputError(f"a JSON {kind_of(value)}, expected an object", where=where)
-    return value
-
-
-def _numbers(fields: JsonObject, name: str, shape: tuple[int, ...], inside: str = "") -> NDArray:
-    """Finite float64 numbers of a shape, as `finite_array` has it."""
-    where = f"{inside}.{name}" if inside else name
-    if name not in fields:
-        raise InputError("missing", where=where)
-    return finite_array(where, fields[name], shape)
 
 
 def _rotation(w: float, x: float, y: float, z: float, where: str) -> NDArray:

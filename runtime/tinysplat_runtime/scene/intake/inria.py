@@ -9,18 +9,16 @@ al. 2023, `utils/camera_utils.py`, `camera_to_JSON`.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...errors import InputError, within
-from ...system.jsonfields import kind_of, photo_name
-from ..cameras import Camera, finite_array
+from ..cameras import Camera
 from ..lenses import intrinsics
 from ..scenes import Frame
+from .fields import Fields
 from .photos import find_photo, is_there, present
+from .tracked import posed
 
 
 def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
@@ -30,7 +28,7 @@ def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
         InputError: names the entry and the field at fault.
     """
     cameras = inria_cameras(entries)
-    names = [photo_name(i, entry, "img_name") for i, entry in enumerate(entries)]
+    names = [Fields(entry, f"[{i}]").photo("img_name") for i, entry in enumerate(entries)]
     beside = [folder if is_there(find_photo(folder, name)) else folder / "images" for name in names]
     photos = [find_photo(place, name) for place, name in zip(beside, names, strict=True)]
     return [Frame(cameras[i], photos[i]) for i in present(photos, str(folder))]
@@ -40,22 +38,11 @@ def inria_cameras(entries: list[Any]) -> list[Camera]:
     """The cameras alone; errors of `inria_frames`."""
     if not entries:
         raise InputError("an empty list, expected at least one camera")
-    return [_camera(f"[{i}]", entry) for i, entry in enumerate(entries)]
+    return [_camera(Fields(entry, f"[{i}]")) for i, entry in enumerate(entries)]
 
 
-def _camera(where: str, entry: Any) -> Camera:
-    if not isinstance(entry, dict):
-        raise InputError(f"a JSON {kind_of(entry)}, expected an object", where=where)
-    for name in ("position", "rotation", "width", "height", "fx", "fy"):
-        if name not in entry:
-            raise InputError("missing", where=f"{where}.{name}")
-    c2w = np.eye(4)
-    for name, shape, place in (("rotation", (3, 3), np.s_[:3, :3]), ("position", (3,), np.s_[:3, 3])):
-        c2w[place] = finite_array(f"{where}.{name}", entry[name], shape)
-    for name in ("width", "height", "fx", "fy"):
-        value = entry[name]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{str(value)[:40]} (a JSON {kind_of(value)}), expected a number", where=f"{where}.{name}")
-    width, height = int(entry["width"]), int(entry["height"])
-    with within(where, "."):
-        return Camera(intrinsics(entry["fx"], entry["fy"], width / 2, height / 2), c2w, width, height)
+def _camera(entry: Fields) -> Camera:
+    c2w = posed(entry.array("rotation", (3, 3)), entry.array("position", (3,)))
+    fx, fy, width, height = (entry.number(name) for name in ("fx", "fy", "width", "height"))
+    with within(entry.where, "."):
+        return Camera(intrinsics(fx, fy, int(width) / 2, int(height) / 2), c2w, int(width), int(height))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -78,7 +77,7 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
         )
     path = Path(path)
     reader = foreign_reader(path)
-    return with_masks(reader(path, near, far) if reader else load_folder(_cameras_file(path), near, far))
+    return with_masks(reader(path) if reader else load_folder(_cameras_file(path))).between(near, far)
 
 
 def load_cameras(path: StrPath) -> list[Camera]:
@@ -89,7 +88,7 @@ def load_cameras(path: StrPath) -> list[Camera]:
     """
     path = Path(path)
     reader = foreign_reader(path)
-    return reader(path, None, None).cameras if reader else cameras_alone(_cameras_file(path))
+    return reader(path).cameras if reader else cameras_alone(_cameras_file(path))
 
 
 def foreign_reader(path: Path) -> Reader | None:
@@ -124,14 +123,9 @@ def _tracker(path: Path) -> Reader | None:
         files = [*path.glob(pattern)] if path.is_dir() else [path] if path.match(pattern) else []
         signed = [file for file in files if not file.name.startswith(".") and _has(file, sign)]
         if signed:
-            return partial(_load_tracked, max(signed, key=lambda file: file.stat().st_size), read)
+            file = max(signed, key=lambda file: file.stat().st_size)
+            return lambda _: load_track(file, read)
     return None
-
-
-def _load_tracked(
-    file: Path, read: Callable[[Path], Track], path: Path, near: float | None, far: float | None
-) -> Scene:
-    return load_track(file, read, near, far)
 
 
 def _has(file: Path, sign: bytes) -> bool:

@@ -20,6 +20,7 @@ from ..images import image_size
 from ..lenses import intrinsics
 from ..scenes import Frame, Scene
 from .photos import find_folder, photos_in
+from .tracked import posed
 
 LLFF_FILE = "poses_bounds.npy"
 
@@ -29,7 +30,7 @@ _MAX_BYTES = 1 << 24  # a row takes 136 bytes
 _ROW = 17
 
 
-def load_llff(folder: Path, near: float | None, far: float | None) -> Scene:
+def load_llff(folder: Path) -> Scene:
     """Read a folder with `poses_bounds.npy`.
 
     Raises:
@@ -43,10 +44,7 @@ def load_llff(folder: Path, near: float | None, far: float | None) -> Scene:
     frames = tuple(
         Frame(_camera(file, i, row, photo), photo) for i, (row, photo) in enumerate(zip(rows, photos, strict=True))
     )
-    bounds = rows[:, 15:]
-    depths = float(bounds[:, 0].min()), float(bounds[:, 1].max())
-    near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
-    return Scene(folder, frames, near, far)
+    return Scene(folder, frames, float(rows[:, 15].min()), float(rows[:, 16].max()))
 
 
 def _rows(file: Path) -> NDArray:
@@ -63,8 +61,7 @@ def _rows(file: Path) -> NDArray:
 
 def _camera(file: Path, i: int, row: NDArray, photo: Path) -> Camera:
     down, right, backward, centre, (height, width, focal) = row[:15].reshape(3, 5).T
-    c2w = np.eye(4)
-    c2w[:3] = np.stack([right, down, -backward, centre], axis=1)
+    c2w = posed(np.stack([right, down, -backward], axis=1), centre)
     size = image_size(photo)
     if min(height, width) < 1:
         raise InputError(f"{width:g}x{height:g} pixels, expected 1 or more", where=f"{file}: row {i}")

@@ -12,11 +12,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...system.files import read_limited
-from ...system.jsonfields import JsonObject, kind_of, parse_object
+from ...system.jsonfields import parse_json
 from ..lenses import Lens, opencv_lens
+from .fields import Fields
 from .tracked import Track, Tracked, number, numbers, posed
 
 SIGN = rb"\"version\""
@@ -38,81 +40,73 @@ def read_meshroom(file: Path) -> Track:
     Raises:
         InputError: names the view or intrinsic and its field.
     """
-    document = parse_object(read_limited(file, _MAX_BYTES))
-    version = tuple(int(part) for part in numbers("version", document.get("version", ["1", "0", "0"]), 3))
-    intrinsics = {_key(entry, "intrinsicId"): entry for entry in _objects(document, "intrinsics")}
-    poses = {_key(entry, "poseId"): entry.get("pose") for entry in _objects(document, "poses")}
+    document = Fields(parse_json(read_limited(file, _MAX_BYTES)))
+    version = tuple(int(part) for part in numbers("version", document.value("version", ["1", "0", "0"]), 3))
+    intrinsics = {_key(entry, "intrinsicId"): entry for entry in document.each("intrinsics")}
+    poses = {_key(entry, "poseId"): entry for entry in document.each("poses")}
     cameras = []
-    for view in _objects(document, "views"):
-        name = view.get("path")
+    for view in document.each("views"):
+        name = view.values.get("path")
         if not isinstance(name, str) or not name or "\0" in name:
             raise InputError(f"{str(name)[:40]!r}, expected the name of a photo", where="views.path")
-        if "rigId" in view:
+        if "rigId" in view.values:
             raise InputError("rigs of several cameras are not read: compute without", where=f"{name[-60:]}: rigId")
         pose, intrinsic = poses.get(_key(view, "poseId")), intrinsics.get(_key(view, "intrinsicId"))
-        if pose is None or intrinsic is None:
+        if pose is None or pose.values.get("pose") is None or intrinsic is None:
             continue  # a view that was not placed
-        transform = _object(_object(pose, "pose").get("transform"), "pose.transform")
+        transform = pose.inside("pose").inside("transform").values
         rotation = numbers(f"{name[-60:]}: rotation", transform.get("rotation"), 9).reshape(3, 3)
         centre = numbers(f"{name[-60:]}: center", transform.get("center"), 3)
         cameras.append(Tracked(name, posed(rotation, centre), partial(_lens, intrinsic, version)))
-    landmarks = _objects(document, "structure")
+    landmarks = document.each("structure")
     chosen = landmarks[:: max(1, len(landmarks) // _MOST_POINTS)]
-    return Track(cameras, np.array([numbers("structure.X", one.get("X"), 3) for one in chosen]).reshape(-1, 3))
+    return Track(cameras, np.array([numbers("structure.X", one.values.get("X"), 3) for one in chosen]).reshape(-1, 3))
 
 
-def _objects(document: JsonObject, name: str) -> list[JsonObject]:
-    entries = document.get(name, [])
-    if not isinstance(entries, list):
-        raise InputError(f"a JSON {kind_of(entries)}, expected a list", where=name)
-    return [_object(entry, f"{name}[{i}]") for i, entry in enumerate(entries)]
-
-
-def _object(value: object, where: str) -> JsonObject:
-    if not isinstance(value, dict):
-        raise InputError(f"a JSON {kind_of(value)}, expected an object", where=where)
-    return value
-
-
-def _key(entry: JsonObject, name: str) -> str:
+def _key(entry: Fields, name: str) -> str:
     """An identity, which is a number in some files and text in others."""
-    return str(entry.get(name))[:40]
+    return str(entry.values.get(name))[:40]
 
 
-def _lens(entry: JsonObject, version: tuple[int, ...], size: tuple[int, int]) -> Lens:
+def _lens(entry: Fields, version: tuple[int, ...], size: tuple[int, int]) -> Lens:
     where = f"intrinsic {_key(entry, 'intrinsicId')}"
-    width, height = (int(number(f"{where}.{side}", entry.get(side))) for side in ("width", "height"))
-    kind, name = entry.get("type", "pinhole"), "type"
-    if kind == "pinhole" and "distortionType" in entry:
-        kind, name = entry["distortionType"], "distortionType"
+    entry = Fields(entry.values, where)
+    width, height = (int(_number(entry, side)) for side in ("width", "height"))
+    kind, name = entry.values.get("type", "pinhole"), "type"
+    if kind == "pinhole" and "distortionType" in entry.values:
+        kind, name = entry.values["distortionType"], "distortionType"
     if not isinstance(kind, str) or kind not in _DISTORTIONS:
         fault = f"{str(kind)[:40]!r}, expected one of {', '.join(_DISTORTIONS)}"
-        raise InputError(fault, where=f"{where}.{name}")
+        raise InputError(fault, where=entry.place(name))
     terms = _DISTORTIONS[kind]
-    values = (
-        dict(zip(terms, numbers(f"{where}.distortionParams", entry.get("distortionParams"), len(terms)), strict=True))
-        if terms
-        else {}
-    )
+    given = _numbers(entry, "distortionParams", len(terms)) if terms else ()
+    values = dict(zip(terms, given, strict=True))
     distortion = [float(values.get(term, 0.0)) for term in ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")]
-    x, y = numbers(f"{where}.principalPoint", entry.get("principalPoint"), 2)
+    x, y = _numbers(entry, "principalPoint", 2)
     centre = (x, y) if version < (1, 2, 1) else (width / 2 + x, height / 2 + y)
-    return opencv_lens(
-        _focal(entry, version, width, where), centre, distortion, (height, width), fisheye=len(terms) == 4
-    )
+    focal = _focal(entry, version, width)
+    return opencv_lens(focal, centre, distortion, (height, width), fisheye=len(terms) == 4)
 
 
-def _focal(entry: JsonObject, version: tuple[int, ...], width: int, where: str) -> tuple[float, float]:
+def _numbers(entry: Fields, name: str, count: int) -> NDArray:
+    return numbers(entry.place(name), entry.values.get(name), count)
+
+
+def _number(entry: Fields, name: str, default: float | None = None) -> float:
+    return number(entry.place(name), entry.values.get(name, default))
+
+
+def _focal(entry: Fields, version: tuple[int, ...], width: int) -> tuple[float, float]:
     """(fx, fy) in pixels."""
     if version < (1, 2, 0):
-        fx = number(f"{where}.pxFocalLength", entry.get("pxFocalLength"))
+        fx = _number(entry, "pxFocalLength")
         return fx, fx
     if version < (1, 2, 2):
-        fx, fy = numbers(f"{where}.pxFocalLength", entry.get("pxFocalLength"), 2)
+        fx, fy = _numbers(entry, "pxFocalLength", 2)
         return fx, fy
-    sensor = number(f"{where}.sensorWidth", entry.get("sensorWidth", 36))
-    ratio = number(f"{where}.pixelRatio", entry.get("pixelRatio", 1))
+    sensor, ratio = _number(entry, "sensorWidth", 36), _number(entry, "pixelRatio", 1)
     if not sensor > 0 or not ratio > 0:
-        raise InputError(f"{min(sensor, ratio):g}, expected more than 0", where=f"{where}.sensorWidth or pixelRatio")
-    fx = number(f"{where}.focalLength", entry.get("focalLength")) / sensor * width
+        where = entry.place("sensorWidth or pixelRatio")
+        raise InputError(f"{min(sensor, ratio):g}, expected more than 0", where=where)
+    fx = _number(entry, "focalLength") / sensor * width
     return fx, fx / ratio if version < (1, 2, 5) else fx * ratio

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, warn, within
 from ...system.files import parsing, read_limited
-from ...system.jsonfields import JsonObject, depth, frame_entries, kind_of, parse_object, photo_name
+from ...system.jsonfields import JsonObject, parse_object
 from ...system.ply import ply_elements
 from ..cameras import Camera, finite_array
 from ..images import image_size
@@ -25,6 +25,7 @@ from ..lenses import Lens, opencv_lens
 from ..masks import Mask
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene, even_sizes
 from .depths import depth_range_in_view
+from .fields import Fields
 from .photos import find_photo, lens_of_copy, present
 
 FILE = "transforms.json"
@@ -39,7 +40,7 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _MAX_POINTS_BYTES = 4 << 30
 
 
-def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
+def load_transforms(path: Path) -> Scene:
     """Read a folder with a `transforms.json`, or such a file.
 
     Raises:
@@ -49,11 +50,10 @@ def load_transforms(path: Path, near: float | None, far: float | None) -> Scene:
     with within(str(file), known=str(file.parent)):
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))
         frames = frames_of(file.parent, document, str(file))
-        near = depth(document, "near") if near is None else near
-        far = depth(document, "far") if far is None else far
+        near, far = (Fields(document).depth(name) for name in ("near", "far"))
         if near is None or far is None:
             depths = _depths_of_points(file.parent, document, [frame.camera for frame in frames])
-            near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
+            near, far = near or depths[0], far or depths[1]
     return Scene(file.parent, frames, near, far)
 
 
@@ -63,63 +63,56 @@ def frames_of(folder: Path, document: JsonObject, named: str) -> tuple[Frame, ..
     Raises:
         InputError: names the frame and its field.
     """
-    entries = frame_entries(document)
-    photos = [find_photo(folder, photo_name(i, entry, "file_path")) for i, entry in enumerate(entries)]
-    return even_sizes([_frame(folder, document, i, entries[i], photos[i]) for i in present(photos, named)])
+    entries = Fields(document).each("frames", 1)
+    photos = [find_photo(folder, entry.photo("file_path")) for entry in entries]
+    return even_sizes([_frame(folder, document, entries[i], photos[i]) for i in present(photos, named)])
 
 
-def _frame(folder: Path, document: JsonObject, i: int, entry: JsonObject, photo: Path) -> Frame:
-    fields = {**document, **entry}
-    with within(f"frames[{i}]", ".", known=str(folder)):
-        lens = lens_of_copy(_lens(fields, photo), photo)
-        camera = lens.camera(_pose(entry))
-    return Frame(camera, photo, lens=None if lens.is_pinhole else lens, mask=_mask(folder, i, entry))
+def _frame(folder: Path, document: JsonObject, entry: Fields, photo: Path) -> Frame:
+    mask = None  # a picture that says which of the photo's pixels count
+    if entry.values.get("mask_path") is not None:
+        mask = Mask(find_photo(folder, entry.photo("mask_path")), is_background=False)
+    pose = _pose(entry)
+    with within(entry.where, ".", known=str(folder)):
+        lens = lens_of_copy(_lens(Fields({**document, **entry.values}), photo), photo)
+        return Frame.through(lens, pose, photo, mask)
 
 
-def _mask(folder: Path, i: int, entry: JsonObject) -> Mask | None:
-    """What a frame says which of its photo's pixels count by."""
-    if entry.get("mask_path") is None:
-        return None
-    return Mask(find_photo(folder, photo_name(i, entry, "mask_path")), is_background=False)
-
-
-def _pose(entry: JsonObject) -> NDArray:
+def _pose(entry: Fields) -> NDArray:
     """(4, 4) camera to world with OpenCV axes."""
-    if "transform_matrix" not in entry:
-        raise InputError("missing", where="transform_matrix")
-    rows = entry["transform_matrix"]
+    rows = entry.value("transform_matrix")
     if isinstance(rows, list) and len(rows) == 3:
         rows = [*rows, [0, 0, 0, 1]]
-    return finite_array("transform_matrix", rows, (4, 4)) @ OPENGL_TO_OPENCV
+    return finite_array(entry.place("transform_matrix"), rows, (4, 4)) @ OPENGL_TO_OPENCV
 
 
-def _lens(fields: JsonObject, photo: Path) -> Lens:
-    model = fields.get("camera_model", "OPENCV")
-    fisheye = model in _FISHEYES or fields.get("is_fisheye") is True
+def _lens(fields: Fields, photo: Path) -> Lens:
+    model = fields.value("camera_model", "OPENCV")
+    fisheye = model in _FISHEYES or fields.values.get("is_fisheye") is True
     if model not in (*_PERSPECTIVE, *_FISHEYES):
         fault = f"{str(model)[:40]}, expected one of {', '.join((*_PERSPECTIVE, *_FISHEYES))}"
         raise InputError(fault, where="camera_model")
     size = _size(fields, photo)
-    distortion = [_number(fields, name, 0.0) for name in _DISTORTION]
-    centre = (_number(fields, "cx", size[1] / 2), _number(fields, "cy", size[0] / 2))
+    distortion = [fields.number(name, 0.0) for name in _DISTORTION]
+    centre = (fields.number("cx", size[1] / 2), fields.number("cy", size[0] / 2))
     return opencv_lens(_focal(fields, size), centre, distortion, size, fisheye=fisheye)
 
 
-def _size(fields: JsonObject, photo: Path) -> tuple[int, int]:
+def _size(fields: Fields, photo: Path) -> tuple[int, int]:
     """(height, width), of the photo where the document states none."""
-    if "w" not in fields or "h" not in fields:
+    if not {"w", "h"} <= fields.values.keys():
         return image_size(photo)
-    sides = [_number(fields, name, 0.0) for name in ("h", "w")]
-    if any(side != int(side) for side in sides):
-        raise InputError(f"{sides[1]:g}x{sides[0]:g}, expected whole numbers", where="w")
-    return int(sides[0]), int(sides[1])
+    height, width = fields.number("h"), fields.number("w")
+    if height % 1 or width % 1:
+        raise InputError(f"{width:g}x{height:g}, expected whole numbers", where="w")
+    return int(height), int(width)
 
 
-def _focal(fields: JsonObject, size: tuple[int, int]) -> tuple[float, float]:
+def _focal(fields: Fields, size: tuple[int, int]) -> tuple[float, float]:
     """(fx, fy) in pixels; one stands for the other, and angles of view for lengths."""
     height, width = size
     fx, fy = (
-        _number(fields, length, _from_angle(fields, angle, side))
+        fields.number(length, _from_angle(fields, angle, side))
         for length, angle, side in (("fl_x", "camera_angle_x", width), ("fl_y", "camera_angle_y", height))
     )
     if not fx and not fy:
@@ -127,18 +120,11 @@ def _focal(fields: JsonObject, size: tuple[int, int]) -> tuple[float, float]:
     return fx or fy, fy or fx
 
 
-def _from_angle(fields: JsonObject, name: str, side: int) -> float:
-    angle = _number(fields, name, 0.0)
+def _from_angle(fields: Fields, name: str, side: int) -> float:
+    angle = fields.number(name, 0.0)
     if not 0 <= angle < math.pi:
         raise InputError(f"{angle:g}, expected an angle of view between 0 and π", where=name)
     return side / 2 / math.tan(angle / 2) if angle else 0.0
-
-
-def _number(fields: JsonObject, name: str, default: float) -> float:
-    value = fields.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
-        raise InputError(f"{str(value)[:20]} ({kind_of(value)}), expected a number", where=name)
-    return float(value)
 
 
 def _depths_of_points(folder: Path, document: JsonObject, cameras: list[Camera]) -> tuple[float | None, float | None]:
@@ -149,7 +135,7 @@ def _depths_of_points(folder: Path, document: JsonObject, cameras: list[Camera])
     if named is None:
         return None, None
     try:
-        file = find_photo(folder, photo_name(0, document, "ply_file_path"))
+        file = find_photo(folder, Fields(document).photo("ply_file_path"))
         if not file.is_file():
             raise InputError("no such file")
         vertex = ply_elements(file, _MAX_POINTS_BYTES).get("vertex")

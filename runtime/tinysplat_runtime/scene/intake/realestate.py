@@ -28,12 +28,11 @@ VALUES = 19
 MICROSECONDS = 1_000_000  # time stamps of a second
 
 
-def load_realestate(file: Path, near: float | None, far: float | None, video: Path | None = None) -> Scene:
+def load_realestate(file: Path, video: Path | None = None) -> Scene:
     """Read a camera file and find its photos; frames whose photo is not there are left out.
 
     Args:
         file: the camera file.
-        near, far: depths of the nearest and the farthest surface, scene units, or None.
         video: has all the frames, in place of photos.
 
     Raises:
@@ -58,7 +57,7 @@ def load_realestate(file: Path, near: float | None, far: float | None, video: Pa
     if not frames:
         looked = ", ".join(str(folder) for folder in folders)
         raise InputError(f"no photo called after a time stamp in {looked}, and no video beside it", where=str(file))
-    return Scene(file, tuple(frames), near, far)
+    return Scene(file, tuple(frames))
 
 
 def _rows(file: Path) -> dict[int, tuple[str, list[float]]]:

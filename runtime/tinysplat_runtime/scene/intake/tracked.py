@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, within
-from ...system.jsonfields import MAX_PATH_LENGTH
 from ..images import image_size
 from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
 from .depths import depth_range_in_view
+from .fields import MAX_PATH_LENGTH
 from .photos import find_folder, find_photo, is_there, lens_of_copy, present
 
 FOLDERS = ("images", "photos", "")
@@ -49,8 +49,8 @@ class Track:
     points: NDArray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-def load_track(file: Path, read: Callable[[Path], Track], near: float | None, far: float | None) -> Scene:
-    """The scene of a tracker's file; near and far replace the range of its points.
+def load_track(file: Path, read: Callable[[Path], Track]) -> Scene:
+    """The scene of a tracker's file, between the depths of its points.
 
     Raises:
         InputError: names the file and the camera or field at fault, or says that none of the photos is there.
@@ -67,8 +67,7 @@ def load_track(file: Path, read: Callable[[Path], Track], near: float | None, fa
             raise InputError(f"none of its {len(photos)} photos ({photos[0].name}, …) is beside it or in images/")
         frames = [_frame(cameras[i], photos[i]) for i in present(photos, str(file))]
     depths = depth_range_in_view(track.points, [frame.camera for frame in frames])
-    near, far = (given if given is not None else own for given, own in zip((near, far), depths, strict=True))
-    return Scene(file.parent, even_sizes(frames), near, far)
+    return Scene(file.parent, even_sizes(frames), *depths)
 
 
 def _photos(folder: Path, names: Sequence[str]) -> list[Path]:
@@ -88,8 +87,7 @@ def _photo(root: Path, name: str) -> Path:
 
 def _frame(camera: Tracked, photo: Path) -> Frame:
     with within(camera.name[:60]):
-        lens = lens_of_copy(camera.lens(image_size(photo)), photo)
-        return Frame(lens.camera(camera.c2w), photo, lens=None if lens.is_pinhole else lens)
+        return Frame.through(lens_of_copy(camera.lens(image_size(photo)), photo), camera.c2w, photo)
 
 
 def numbers(where: str, words: object, count: int) -> NDArray:

@@ -36,7 +36,7 @@ def video_scene(
     if Path(video).suffix.lower() not in SUFFIXES:
         raise InputError(f"expected a video ({', '.join(SUFFIXES)}) beside --poses", where=str(video))
     if Path(poses).suffix == ".txt":
-        return load_realestate(Path(poses), near, far, Path(video))
+        return load_realestate(Path(poses), Path(video)).between(near, far)
     clip = open_video(video)
     scene = load_scene(poses, near=near, far=far)
     frames = []
@@ -57,8 +57,7 @@ def _as_taken(frame: Frame) -> Frame:
     lens = frame.taken_with
     if lens is None:
         return frame
-    view = Frame(lens.camera(frame.camera.c2w), frame.path, lens=None if lens.is_pinhole else lens)
-    return view.resized(frame.camera.height, frame.camera.width)
+    return Frame.through(lens, frame.camera.c2w, frame.path).resized(frame.camera.height, frame.camera.width)
 
 
 def _number(frame: Frame) -> int:

@@ -8,7 +8,7 @@ import pytest
 from scenes import tells
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.system.jsonfields import depth, photo_name
+from tinysplat_runtime.scene.intake.fields import Fields
 
 
 def refusal(error: pytest.ExceptionInfo[InputError]) -> str:
@@ -20,8 +20,8 @@ ACCEPTED = ["a.png", "sub/a.png", "..a/b..png", "ß" * 120, "/".join(["x" * 199]
 
 @pytest.mark.parametrize("name", [*ACCEPTED, "x" * 240])
 def test_names_inside_the_folder_are_taken_as_they_are(name: str) -> None:
-    assert photo_name(3, {"file": name}) == name
-    assert photo_name(3, {"photo": name, "file": 1}, "photo") == name
+    assert Fields({"file": name}).photo("file") == name
+    assert Fields({"photo": name, "file": 1}).photo("photo") == name
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_names_inside_the_folder_are_taken_as_they_are(name: str) -> None:
 )
 def test_names_that_are_none_or_lead_elsewhere_are_refused(entry: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError) as error:
-        photo_name(3, entry)
+        Fields(entry, "frames[3]").photo("file")
     assert tells(refusal(error).replace("\\", ""), f"frames[3].file: {words}")
 
 
@@ -61,5 +61,5 @@ def test_names_that_are_none_or_lead_elsewhere_are_refused(entry: dict[str, Any]
 )
 def test_what_is_no_depth_is_refused(value: object, words: str) -> None:
     with pytest.raises(InputError) as error:
-        depth({"far": value}, "far")
+        Fields({"far": value}).depth("far")
     assert refusal(error).startswith("far: ") and tells(refusal(error), words)
