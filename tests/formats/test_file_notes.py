@@ -10,7 +10,8 @@ import pytest
 from scenes import refusing
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.file_notes import npz_notes, ply_notes
+from tinysplat_runtime.formats.arrays import read_npz
+from tinysplat_runtime.formats.ply_notes import ply_notes
 
 
 @pytest.mark.parametrize(
@@ -42,9 +43,9 @@ def test_notes_in_comments_of_a_ply(tmp_path: Path, comments: str, notes: dict[s
 def test_notes_in_an_npz(tmp_path: Path, data: bytes, expected: Any) -> None:
     np.savez(tmp_path / "a.npz", notes=np.frombuffer(data, np.uint8))
     if isinstance(expected, dict):
-        assert npz_notes(tmp_path / "a.npz") == expected
+        assert read_npz(tmp_path / "a.npz", 1 << 20)[1] == expected
     else:
         with refusing(InputError, expected):
-            npz_notes(tmp_path / "a.npz")
+            read_npz(tmp_path / "a.npz", 1 << 20)
     np.savez(tmp_path / "b.npz", other=np.zeros(1))
-    assert npz_notes(tmp_path / "b.npz") == {}
+    assert read_npz(tmp_path / "b.npz", 1 << 20)[1] == {}

@@ -108,7 +108,7 @@ def test_the_same_gaussians_give_the_same_bytes(form, ending, tmp_path) -> None:
 
 @EACH
 def test_notes_come_back_where_there_is_room(form, ending, tmp_path) -> None:
-    path, room = named(tmp_path, ending), form.room if form.notes else ()
+    path, room = named(tmp_path, ending), form.room
     saved(path, some(0).with_notes(Notes(**NOTES)), form.extra)
     read = load_gaussians(path).notes
     assert {name: text for name in NOTES if (text := getattr(read, name))} == {n: NOTES[n] for n in NOTES if n in room}

@@ -24,16 +24,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.notes import MAX_BYTES, known_notes
 from ..scene.cameras import Camera
 from ..system.files import parsing
-from .file_notes import NPZ_ARRAY
+from ..system.jsonfields import parse_object
+from .assembly import Contents
 
 MAX_EXPANSION = 100
 """Most bytes of array per byte of a compressed file beyond MIN_BUDGET. Real Gaussians reach 2, bombs 1,000."""
 
 MIN_BUDGET = 256 << 20
+
+NOTES = "notes"
+_MAX_NOTES_BYTES = 6 * sum(MAX_BYTES.values())  # JSON's escapes take up to six bytes for one
 
 _ARRAY_NAME = re.compile(
     r"(?:layer[1-9]\d{0,3}_)?(?:means|quats|scales|opacities|sh|K|c2w)|origin|viewpoint_(?:K|c2w|size)"
@@ -61,8 +66,12 @@ def _check_headers(headers: Mapping[str, _Header], budget: int) -> None:
         raise InputError(f"arrays of {total} bytes in all, expected at most {budget} of this file")
 
 
-def read_npz(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Arrays of an .npz file, any shape and dtype; InputError if damaged, or announcing more than `max_bytes`."""
+def read_npz(path: Path, max_bytes: int) -> Contents:
+    """Arrays of an .npz file, any shape and dtype, and its notes, the UTF-8 bytes of a JSON object.
+
+    Raises:
+        InputError: damaged, announcing more than `max_bytes`, or notes that are none.
+    """
     budget = min(max_bytes, max(MIN_BUDGET, MAX_EXPANSION * path.stat().st_size))
     with parsing(".npz file"), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -80,7 +89,14 @@ def read_npz(path: Path, max_bytes: int) -> dict[str, NDArray]:
                 arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
                 if member.read(1):  # at the end zipfile compares the checksum
                     raise InputError("longer than its shape says", where=name)
-        return arrays
+        name = f"{NOTES}.npy"
+        if name not in archive.namelist():
+            return arrays, {}
+        if archive.getinfo(name).file_size > _MAX_NOTES_BYTES:
+            raise InputError(f"more than {_MAX_NOTES_BYTES} bytes", where=NOTES)
+        with archive.open(name) as member, within(NOTES):
+            text = np.lib.format.read_array(member, allow_pickle=False).tobytes()
+            return arrays, known_notes(parse_object(text))
 
 
 def _npy_header(member: Any) -> _Header:
@@ -92,8 +108,8 @@ def _npy_header(member: Any) -> _Header:
     return _Header(str(dtype), shape, dtype.itemsize, dtype.kind in "fiu" and dtype.itemsize <= 8)
 
 
-def read_safetensors(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """As `read_npz`, of a .safetensors file; ImportError if safetensors is not installed."""
+def read_safetensors(path: Path, max_bytes: int) -> Contents:
+    """As `read_npz`, of a .safetensors file, whose notes are metadata; ImportError if safetensors is not installed."""
     import safetensors
 
     with parsing(".safetensors file"), safetensors.safe_open(str(path), framework="numpy") as file:
@@ -104,7 +120,7 @@ def read_safetensors(path: Path, max_bytes: int) -> dict[str, NDArray]:
             is_real = re.fullmatch(r"[FIU](8|16|32|64)", dtype) is not None
             headers[name] = _Header(dtype, shape, int(dtype[1:]) // 8 if is_real else 0, is_real)
         _check_headers(headers, max_bytes)
-        return {name: file.get_tensor(name) for name in headers}
+        return {name: file.get_tensor(name) for name in headers}, known_notes(file.metadata() or {})
 
 
 def _arrays(gaussians: Gaussians) -> dict[str, NDArray]:
@@ -137,7 +153,7 @@ def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
     """Write all layers, cameras and notes; nothing is lost, so the list is empty."""
     arrays = _arrays(gaussians)
     if gaussians.notes:
-        arrays[NPZ_ARRAY] = np.frombuffer(json.dumps(gaussians.notes.given()).encode(), np.uint8)
+        arrays[NOTES] = np.frombuffer(json.dumps(gaussians.notes.given()).encode(), np.uint8)
     # As numpy.savez does, whose older versions leave the archive open when the disk is full.
     with zipfile.ZipFile(path, "w") as archive:
         for name, array in arrays.items():

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,10 @@ from ..scene.cameras import Camera, check_is_in_pixels
 
 ORIGIN_TOLERANCE = 1e-6
 """Largest rounding of means, relative to the distance from the nearest camera, that needs no origin."""
+
+
+Contents: TypeAlias = tuple[dict[str, NDArray], Mapping[str, Any]]
+"""What a reader gives: arrays by name, and fields of `Notes`."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def far_note(points: PointCloud) -> list[str]:
     return [text] if points.is_far else []
 
 
-def without_invalid(arrays: Mapping[str, NDArray]) -> tuple[Mapping[str, NDArray], int]:
+def without_invalid(arrays: dict[str, NDArray]) -> tuple[dict[str, NDArray], int]:
     """A list of Gaussians, (N, …) each, without those that are none, and how many these were.
 
     They hold NaN, what float32 cannot, or a rotation of zero: training leaves some now and then, and of some trainers'

@@ -23,7 +23,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..gaussian.sh import C0
 from .assembly import PointCloud, cut_degree_note, far_note
-from .file_notes import ply_comments
+from .ply_notes import ply_comments
 
 CHUNK = 256
 MAX_DEGREE = 3

@@ -14,28 +14,28 @@ from __future__ import annotations
 import base64
 import binascii
 import io
-import json
+import operator
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, warn
-from ..gaussian.notes import NAMES
+from ..errors import InputError, warn, within
+from ..gaussian.notes import known_notes
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..scene.cameras import Camera
 from ..system.files import parsing, read_limited
-from ..system.jsonfields import JsonObject
+from ..system.jsonfields import JsonObject, parse_object
 from .arrays import viewpoint_arrays
-from .assembly import joined
+from .assembly import Contents, joined
 from .axes import half_turned
 from .colours import srgb_of_linear
-from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK
+from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK, sh_names
 from .placement import placed
 from .spz import decode_spz
 
@@ -43,6 +43,7 @@ SRGB, LINEAR = "srgb_rec709_display", "lin_rec709_display"
 
 _MAX_JSON_BYTES = 16 << 20
 _MAX_NODES, _MAX_DEPTH = 10_000, 64
+_MAX_STRIDE = 252
 _MAX_NAME = 200  # letters of a buffer's file name
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -61,15 +62,23 @@ library unpacks; we do as CesiumJS does: SPZ's numbers are glTF's."""
 _NEEDED = re.compile(rf"{EXTENSION}|{SPZ_EXTENSION}|KHR_mesh_quantization|(KHR|EXT)_(materials|lights|texture|xmp)_\w+")
 """Extensions that a file may require: known here, or of no concern to Gaussians."""
 
+_ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "POSITION": ("means", (3,)),
+    f"{EXTENSION}:ROTATION": ("quats", (4,)),
+    f"{EXTENSION}:SCALE": ("scales", (3,)),
+    f"{EXTENSION}:OPACITY": ("opacities", ()),
+}
+"""Attributes beside coefficients: what they become, and a value's shape."""
+
 _SH = re.compile(rf"{EXTENSION}:SH_DEGREE_([0-3])_COEF_([0-6])")
 
 
-def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
+def read_gltf(path: Path, max_bytes: int) -> Contents:
     """Read the Gaussians of a file's scene, all of its splat primitives as one list.
 
     Returns:
         means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear; means float64 where a node
-        moves them; and of photos' cameras, as they are written, what `arrays` says.
+        moves them; of photos' cameras, as they are written, what `arrays` says; and what `asset` says about the scene.
 
     Raises:
         InputError: damaged, without Gaussians, compressed by another extension, turned by a node in a way that no
@@ -93,15 +102,11 @@ def read_gltf(path: Path, max_bytes: int) -> dict[str, NDArray]:
         parts += [placed(arrays, matrix) for arrays in meshes[index]]
     if not parts:
         raise InputError(f"no primitive with {EXTENSION}")
-    return {**half_turned(joined(parts)), **viewpoint_arrays(views)}
+    return {**half_turned(joined(parts)), **viewpoint_arrays(views)}, _notes(_object(file.document.get("asset")))
 
 
-def read_gltf_notes(path: Path) -> JsonObject:
-    """What `asset` says about the scene: fields of `Notes`."""
-    size = path.stat().st_size  # which `read_gltf` has held against its bound
-    asset = _object(_File(path, max_bytes=size).document.get("asset"))
-    extras = _object(asset.get("extras"))
-    known = {name: extras[name] for name in NAMES if name in extras}
+def _notes(asset: JsonObject) -> dict[str, Any]:
+    known = known_notes(_object(asset.get("extras")))
     return known or ({"attribution": asset["copyright"]} if isinstance(asset.get("copyright"), str) else {})
 
 
@@ -129,72 +134,55 @@ class _File:
             else:
                 text = read_limited(path, max(max_bytes, _MAX_JSON_BYTES))
                 self._binary_at = None
-        try:
-            self.document = json.loads(text)
-        except (ValueError, RecursionError):
-            raise InputError("its JSON does not parse") from None
-        if not isinstance(self.document, dict):
-            raise InputError("its JSON is no object")
+        self.document = parse_object(text)
         required = self.document.get("extensionsRequired", [])
         for name in required if isinstance(required, list) else [required]:
             if not isinstance(name, str) or not _NEEDED.fullmatch(name):
                 raise InputError(f"{ascii(name)[:60]}, which is not known here", where="extensionsRequired")
 
-    def entry(self, kind: str, index: object) -> JsonObject:
+    def entry(self, kind: str, index: Any) -> JsonObject:
         """Element `index` of the list `kind`."""
         entries = self.document.get(kind)
-        if not isinstance(entries, list) or not _is_index(index) or index >= len(entries):
+        if not isinstance(entries, list) or type(index) is not int or not 0 <= index < len(entries):
             raise InputError(f"no {kind}[{str(index)[:20]}]")
         if not isinstance(entries[index], dict):
             raise InputError("no object", where=f"{kind}[{index}]")
         return dict(entries[index])
 
-    def accessor(self, index: object, name: str) -> NDArray:
+    def accessor(self, index: Any, name: str) -> NDArray:
         """(N, width) float64 values of an accessor, (N,) of a scalar one; normalised integers as glTF has them."""
-        accessor: Any = self.entry("accessors", index)
-        kind, width = _known(_TYPES, accessor.get("componentType")), _known(_WIDTHS, accessor.get("type"))
-        count, start = accessor.get("count"), accessor.get("byteOffset", 0)
-        if kind is None or width is None or not _is_index(count) or count < 1 or not _is_index(start):
-            raise InputError("damaged accessor", where=name)
+        accessor = self.entry("accessors", index)
         if "sparse" in accessor or "bufferView" not in accessor:
             raise InputError("a sparse accessor, expected one with a buffer view", where=name)
-        view, data = self._view(accessor["bufferView"], name)
-        item = np.dtype(kind).itemsize * width
-        stride = view.get("byteStride", item)
-        if not _is_index(stride) or not item <= stride <= 252:
-            raise InputError("damaged buffer view", where=name)
-        if start + (count - 1) * stride + item > len(data):
-            raise InputError(f"{count} values, which its buffer view is too short for", where=name)
-        if count * width * 8 > self.max_bytes:
-            raise InputError(f"{count} values, more than {self.max_bytes} bytes can hold", where=name)
-        flat = np.frombuffer(data, np.uint8, (count - 1) * stride + item, start)
-        rows = np.lib.stride_tricks.as_strided(flat, (count, item), (stride, 1))
-        with np.errstate(invalid="ignore"):  # Gaussians will name what is not finite
-            values = np.ascontiguousarray(rows).view(kind).astype(np.float64)
-        if accessor.get("normalized") is True and kind != "<f4":
+        view, data = self.view(accessor["bufferView"], name)
+        with within(name), parsing("accessor"), np.errstate(invalid="ignore"):  # Gaussians will name what is not finite
+            kind, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
+            count, start = operator.index(accessor["count"]), accessor.get("byteOffset", 0)
+            stride = view.get("byteStride", kind.itemsize * width)
+            if count < 1 or not kind.itemsize * width <= stride <= _MAX_STRIDE:
+                raise InputError(f"{count} values, {stride} bytes apart")
+            if count * width * 8 > self.max_bytes:
+                raise InputError(f"{count} values, more than {self.max_bytes} bytes can hold")
+            stored: NDArray = np.ndarray((count, width), kind, data, start, (stride, kind.itemsize))
+            values = stored.astype(np.float64)
+        if accessor.get("normalized") is True and kind.kind != "f":
             values = np.maximum(values / np.iinfo(kind).max, -1)
         return values[:, 0] if width == 1 else values
 
-    def blob(self, index: object, name: str) -> bytes:
-        """All bytes of a buffer view."""
-        return bytes(self._view(index, name)[1])
-
-    def _view(self, index: object, name: str) -> tuple[JsonObject, memoryview]:
+    def view(self, index: Any, name: str) -> tuple[JsonObject, memoryview]:
         """A buffer view, and its bytes."""
         view = self.entry("bufferViews", index)
         if view.get("extensions"):
             raise InputError(f"compressed by {ascii(view['extensions'])[:80]}, expected plain values", where=name)
-        first, length = view.get("byteOffset", 0), view.get("byteLength")
-        if not _is_index(first) or not isinstance(length, int) or not _is_index(length):
-            raise InputError("damaged buffer view", where=name)
         data = self._buffer(view.get("buffer"))
-        if first + length > len(data):
-            raise InputError("a buffer view beyond its buffer", where=name)
+        with within(name), parsing("buffer view"):
+            first, length = operator.index(view.get("byteOffset", 0)), operator.index(view["byteLength"])
+            if first < 0 or not 0 <= length <= len(data) - first:
+                raise InputError("a buffer view beyond its buffer")
         return view, memoryview(data)[first : first + length]
 
-    def _buffer(self, index: object) -> bytes:
+    def _buffer(self, index: Any) -> bytes:
         entry = self.entry("buffers", index)
-        assert isinstance(index, int)  # entry
         if index not in self._buffers:
             self._buffers[index] = self._embedded() if "uri" not in entry else self._at(entry["uri"])
         return self._buffers[index]
@@ -221,28 +209,13 @@ class _File:
                 raise InputError("a buffer's base64 is damaged") from None
         name = unquote(uri)
         target = self.path.parent / name
-        odd = (
-            "\0" in name
-            or ":" in name
-            or name.startswith(("/", "\\"))
-            or not name.isprintable()
-            or len(name) > _MAX_NAME
-        )
+        odd = ":" in name or name.startswith(("/", "\\")) or not name.isprintable() or len(name) > _MAX_NAME
         if odd or not target.resolve().is_relative_to(self.path.parent.resolve()):
             raise InputError(f"buffer {ascii(uri)[:60]}, expected a file in the folder of the .gltf")
         return read_limited(target, self.max_bytes)
 
 
-def _known(table: Mapping[Any, Any], key: Any) -> Any:
-    """The entry of a key that may be of any type."""
-    return table.get(key) if isinstance(key, (int, str)) else None
-
-
-def _is_index(value: object) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 40
-
-
-def _photo_cameras(file: _File, index: object, matrix: NDArray) -> list[Camera]:
+def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
     """The camera of a photo at a node that stands so (4, 4) in the world; none where it is another kind of camera."""
     photo = _object(file.entry("cameras", index).get("extras"))
     if not {"K", "width", "height"} <= photo.keys():
@@ -307,7 +280,7 @@ def _mesh_parts(file: _File, mesh: JsonObject) -> Iterator[dict[str, NDArray]]:
         elif inner:
             raise InputError(f"compressed by {ascii(inner)[:80]}, expected plain {EXTENSION} or {SPZ_EXTENSION}")
         else:
-            arrays = _primitive_arrays(file, primitive)
+            arrays = _primitive_arrays(file, _object(primitive.get("attributes")))
         if stated.get("colorSpace") == LINEAR:
             text = "colours become sRGB's; translucent Gaussians blend otherwise than in linear light"
             warn(f"{file.path}: {LINEAR}: {text}")
@@ -316,7 +289,7 @@ def _mesh_parts(file: _File, mesh: JsonObject) -> Iterator[dict[str, NDArray]]:
 
 
 def _spz_arrays(file: _File, primitive: JsonObject, view: Any) -> dict[str, NDArray]:
-    arrays = decode_spz(io.BytesIO(file.blob(view, SPZ_EXTENSION)), file.max_bytes)
+    _, arrays = decode_spz(io.BytesIO(file.view(view, SPZ_EXTENSION)[1]), file.max_bytes)
     index = _object(primitive.get("attributes")).get("POSITION")
     stated = file.entry("accessors", index).get("count")
     if stated != len(arrays["means"]):
@@ -324,30 +297,17 @@ def _spz_arrays(file: _File, primitive: JsonObject, view: Any) -> dict[str, NDAr
     return arrays
 
 
-def _primitive_arrays(file: _File, primitive: JsonObject) -> dict[str, NDArray]:
-    attributes = primitive.get("attributes")
-    names = {"means": "POSITION"} | {
-        field: f"{EXTENSION}:{name}"
-        for field, name in {"quats": "ROTATION", "scales": "SCALE", "opacities": "OPACITY"}.items()
-    }
-    if not isinstance(attributes, dict):
-        raise InputError("a primitive without attributes")
-    missing = [name for name in (*names.values(), f"{EXTENSION}:SH_DEGREE_0_COEF_0") if name not in attributes]
-    if missing:
-        raise InputError(f"lacks {', '.join(missing)}")
-    arrays = {field: file.accessor(attributes[name], name) for field, name in names.items()}
-    degree = max(int(match[1]) for match in map(_SH.fullmatch, attributes) if match)
-    terms = [f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}" for band in range(degree + 1) for n in range(2 * band + 1)]
-    lacking = [name for name in terms if name not in attributes]
-    if lacking:
-        raise InputError(f"lacks {lacking[0]} of SH degree {degree}")
-    columns = [file.accessor(attributes[name], name) for name in terms]
-    wanted = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": ()}
-    count = len(arrays["means"])
-    for field, shape in (*wanted.items(), *((name, (3,)) for name in terms)):
-        array = arrays[field] if field in arrays else columns[terms.index(field)]
-        if array.shape != (count, *shape):
-            raise InputError(f"shape {array.shape} beside {count} positions", where=names.get(field, field))
+def _primitive_arrays(file: _File, attributes: JsonObject) -> dict[str, NDArray]:
+    degree = max((int(match[1]) for match in map(_SH.fullmatch, attributes) if match), default=0)
+    terms = sh_names(0, degree)
+    if lacking := [name for name in (*_ARRAYS, *terms) if name not in attributes]:
+        raise InputError(f"lacks {', '.join(lacking[:5])}")
+    columns: dict[str, NDArray] = {}
+    for name in (*_ARRAYS, *terms):
+        array = columns[name] = file.accessor(attributes[name], name)
+        _, shape = _ARRAYS.get(name, ("", (3,)))
+        if array.shape != (count := len(columns["POSITION"]), *shape):
+            raise InputError(f"shape {array.shape} beside {count} positions", where=name)
+    arrays = {field: columns[name] for name, (field, _) in _ARRAYS.items()}
     arrays["quats"] = np.roll(arrays["quats"], 1, axis=1)  # xyzw to wxyz
-    arrays["sh"] = np.stack(columns, axis=1)
-    return arrays
+    return {**arrays, "sh": np.stack([columns[name] for name in terms], axis=1)}

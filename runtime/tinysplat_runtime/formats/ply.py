@@ -13,7 +13,7 @@ Trust boundary: `system.ply` holds a header's counts against the file's length b
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,9 @@ from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..system.files import parsing
 from ..system.ply import ply_elements
-from .assembly import PointCloud, cut_degree_note
+from .assembly import Contents, PointCloud, cut_degree_note
 from .compressed_ply import compressed_arrays, is_compressed
-from .file_notes import ply_comments
+from .ply_notes import ply_comments, ply_notes
 
 MAX_PLY_DEGREE = 3
 """The highest SH degree that the layout's readers know."""
@@ -57,10 +57,10 @@ _MAX_COLOUR = 4.0  # f_dc of a colour a little over twice white
 _OPACITY_MARGIN = 2.0**-24  # logits within ±16.6; what it moves is less than float32's step at 1
 
 
-def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
+def read_ply(path: Path, max_bytes: int) -> Contents:
     """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, in floating point.
 
-    Positions stored as double stay float64.
+    Positions stored as double stay float64. Notes are those of the header's comments.
 
     Raises:
         InputError: damaged, of another layout, or larger than `max_bytes`.
@@ -68,7 +68,7 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
     """
     elements = ply_elements(path, max_bytes)
     if is_compressed(elements):
-        return compressed_arrays(elements)
+        return compressed_arrays(elements), ply_notes(path)
     vertex: NDArray[Any] = elements.get("vertex", np.zeros(0))
     if "vertex" in elements and not len(vertex):
         raise InputError("no vertices, expected one for each Gaussian")
@@ -95,7 +95,9 @@ def read_ply(path: Path, max_bytes: int) -> dict[str, NDArray]:
             "sh": np.concatenate([constant[:, None], higher], axis=1),
         }
         arrays["scales"] = np.pad(arrays["scales"], ((0, 0), (0, 3 - len(scales))))
-        return arrays if _FILTER not in names else _filtered(arrays, vertex[_FILTER].astype(np.float64))
+        if _FILTER in names:
+            arrays = _filtered(arrays, vertex[_FILTER].astype(np.float64))
+        return arrays, ply_notes(path)
 
 
 def _filtered(arrays: dict[str, NDArray], width: NDArray) -> dict[str, NDArray]:
@@ -151,12 +153,9 @@ def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
         (_SCALES, np.log(listed.scales.clip(np.finfo(np.float32).tiny))),
         (_QUATS, normalize_quats(listed.quats)),
     ]
-    types = [(name, means.dtype if block is means else np.float32) for names, block in blocks for name in names]
-    vertex = np.empty(len(means), types)
-    for names, block in blocks:
-        for name, column in zip(names, block.T, strict=True):
-            vertex[name] = column
-    _write(path, vertex, ply_comments(gaussians.notes))
+    columns = {name: column for names, block in blocks for name, column in zip(names, block.T, strict=True)}
+    doubles = _MEANS if points.is_far else ()
+    _write(path, columns, {name: np.dtype(float if name in doubles else np.float32) for name in columns}, gaussians)
     return notes
 
 
@@ -170,18 +169,19 @@ def write_points(path: Path, gaussians: Gaussians) -> None:
     points = PointCloud.of(gaussians)
     means = points.means if points.is_far else points.means.astype(np.float32)
     colours = to_uint8(0.5 + C0 * points.gaussians.sh[:, 0])
-    types = [(axis, means.dtype) for axis in "xyz"] + [(name, np.uint8) for name in ("red", "green", "blue")]
-    vertex = np.empty(len(means), types)
-    for name, column in zip(vertex.dtype.names or (), (*means.T, *colours.T), strict=True):
-        vertex[name] = column
-    _write(path, vertex, ply_comments(gaussians.notes))
+    columns = dict(zip((*_MEANS, *_COLOURS[0]), (*means.T, *colours.T), strict=True))
+    _write(path, columns, {name: column.dtype for name, column in columns.items()}, gaussians)
 
 
-def _write(path: Path, vertex: NDArray, comments: Sequence[str]) -> None:
+def _write(path: Path, columns: Mapping[str, NDArray], types: Mapping[str, np.dtype], gaussians: Gaussians) -> None:
+    """Write vertices of columns (N,) by name, and what the Gaussians' notes say."""
     import plyfile
 
+    vertex = np.empty(len(columns["x"]), [*types.items()])
+    for name, column in columns.items():
+        vertex[name] = column
     elements = [plyfile.PlyElement.describe(vertex, "vertex")]
-    plyfile.PlyData(elements, byte_order="<", comments=list(comments)).write(str(path))
+    plyfile.PlyData(elements, byte_order="<", comments=ply_comments(gaussians.notes)).write(str(path))
 
 
 def _columns(vertex: NDArray, names: Sequence[str]) -> NDArray:

@@ -28,14 +28,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..gaussian.curve import morton_order
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
+from ..scene.intake.fields import Fields
 from ..system.files import parsing, read_limited, write_atomically
-from ..system.jsonfields import JsonObject
-from .assembly import PointCloud, cut_degree_note, far_note, joined
+from ..system.jsonfields import JsonObject, parse_object
+from .assembly import Contents, PointCloud, cut_degree_note, far_note, joined
 from .palette import codebook, nearest, palette
 
 META = "meta.json"
@@ -167,25 +168,26 @@ def in_folder(path: Path) -> Path:
     return documents[0] if documents else path
 
 
-def read_sog(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read a .sog file, the folder of a `meta.json`, or the finest level of a `lod-meta.json`, as arrays.
+def read_sog(path: Path, max_bytes: int) -> Contents:
+    """Read a .sog file, the folder of a `meta.json`, or the finest level of a `lod-meta.json`.
 
     Returns:
-        means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, float64.
+        means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, float64; and the one note
+        that splat-transform's `meta.json` has a name for.
 
     Raises:
         InputError: damaged, of another version, or larger than `max_bytes`.
         ImportError: Pillow is not installed.
     """
     if path.name == LEVELS:
-        return _read_levels(path, max_bytes)
+        return _read_levels(path, max_bytes), {}
     with _reading(path) as read:
         return _arrays(read, max_bytes)
 
 
 def _read_levels(path: Path, max_bytes: int) -> dict[str, NDArray]:
     """The rows that a `lod-meta.json` has for its finest level, and all of its `environment`."""
-    meta = _json_object(read_limited(path, _MAX_LEVELS))
+    meta = _document(read_limited(path, _MAX_LEVELS), LEVELS).values
     names, around = meta.get("filenames"), meta.get("environment")
     names = [*names, *([around] if around else [])] if isinstance(names, list) else []
     if not names or not all(isinstance(name, str) and _is_within(name) for name in names):
@@ -198,7 +200,7 @@ def _read_levels(path: Path, max_bytes: int) -> dict[str, NDArray]:
     for index, pieces in sorted(rows.items()):
         file = in_folder(path.parent / names[index])
         with _reading(file) as read:
-            arrays = _arrays(read, left)
+            arrays, _ = _arrays(read, left)
         for piece in pieces:
             part = {name: array[piece] for name, array in arrays.items()}
             left -= sum(array.nbytes for array in part.values())
@@ -236,14 +238,6 @@ def _is_within(name: str) -> bool:
     return 0 < len(name) < 1000 and "\\" not in name and "\0" not in name and not path.anchor and ".." not in path.parts
 
 
-def read_sog_notes(path: Path) -> dict[str, str]:
-    """The one note that splat-transform's `meta.json` has a name for."""
-    if path.name == LEVELS:
-        return {}
-    with _reading(path) as read:
-        return {"antialiased": YES} if _json_object(read(META, _MAX_META)).get("model") == MODEL else {}
-
-
 @contextmanager
 def _reading(path: Path) -> Iterator[Callable[[str, int], bytes]]:
     """What gives a file of the folder or archive by its name, up to so many bytes."""
@@ -265,81 +259,74 @@ def _reading(path: Path) -> Iterator[Callable[[str, int], bytes]]:
         yield member
 
 
-def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> dict[str, NDArray]:
-    meta = _json_object(read(META, _MAX_META))
-    if meta.get("version", 1) not in (1, 2):
-        raise InputError(f"version {str(meta.get('version'))[:20]}, expected 1 or 2", where=META)
-    is_first = meta.get("version", 1) == 1
-    count = _shape(meta)[0] if is_first else meta.get("count")
-    if not isinstance(count, int) or not 1 <= count <= min(_MAX_SIDE**2, max_bytes // 100):
-        raise InputError(f"count {str(count)[:20]}, which {max_bytes} bytes cannot hold", where=META)
+def _arrays(read: Callable[[str, int], bytes], max_bytes: int) -> Contents:
+    meta = _document(read(META, _MAX_META), META)
+    version = meta.value("version", 1)
+    if version not in (1, 2):
+        raise InputError(f"{str(version)[:20]}, expected 1 or 2", where=meta.place("version"))
+    is_first = version == 1
+    means = meta.inside("means")
+    count = next(iter(means.array("shape", (-1,)).tolist()), 0) if is_first else meta.whole("count")
+    if not 1 <= count <= min(_MAX_SIDE**2, max_bytes // 100):
+        raise InputError(f"count {count:g}, which {max_bytes} bytes cannot hold", where=META)
+    count = int(count)
 
     def pixels(name: str, picture: int = 0) -> NDArray:
-        flat = _picture(read, meta, name, picture, count).reshape(-1, 4)
+        flat = _picture(read, meta.inside(name), picture, count).reshape(-1, 4)
         if len(flat) < count:
             raise InputError(f"{len(flat)} pixels for {count} Gaussians", where=name)
         return flat[:count]
 
-    low, high = _numbers(meta, "means", "mins", 3), _numbers(meta, "means", "maxs", 3)
+    def values(name: str, codes: NDArray) -> NDArray:
+        """What bytes (N, C) stand for: of version 1 between limits of their channels, later from a codebook."""
+        entry = meta.inside(name)
+        return _between(entry, codes / 255.0) if is_first else entry.array("codebook", (256,))[codes[:, :3]]
+
     codes = pixels("means")[:, :3] + 256.0 * pixels("means", 1)[:, :3]
     with np.errstate(over="ignore", invalid="ignore"):  # Gaussians will name what is not finite
-        logs = low + codes / 65535 * (high - low)
-        colours, scales = pixels("sh0"), pixels("scales")[:, :3]
-        if is_first:
-            constant = _between(meta, "sh0", colours)
-            opacities = 1 / (1 + np.exp(-constant[:, 3]))
-            log_scales = _between(meta, "scales", scales)
-        else:
-            constant = _numbers(meta, "sh0", "codebook", 256)[colours[:, :3]]
-            opacities = colours[:, 3] / 255.0
-            log_scales = _numbers(meta, "scales", "codebook", 256)[scales]
-        return {
+        logs, colours = _between(means, codes / 65535), pixels("sh0")
+        constant = values("sh0", colours)
+        arrays = {
             "means": np.sign(logs) * np.expm1(np.abs(logs)),
             "quats": _unpacked_rotations(pixels("quats")),
-            "scales": np.exp(log_scales),
-            "opacities": opacities,
+            "scales": np.exp(values("scales", pixels("scales")[:, :3])),
+            "opacities": 1 / (1 + np.exp(-constant[:, 3])) if is_first else colours[:, 3] / 255.0,
             "sh": np.concatenate([constant[:, None, :3], _read_higher(read, meta, count, pixels)], axis=1),
         }
+    return arrays, {"antialiased": YES} if meta.values.get("model") == MODEL else {}
 
 
-def _shape(meta: JsonObject) -> list[Any]:
-    """The shape of version 1's means; its first number is how many Gaussians there are."""
-    shape = _entry(meta, "means").get("shape")
-    if not isinstance(shape, list) or not shape:
-        raise InputError("lacks 'version' and 'shape'", where=META)
-    return shape
-
-
-def _between(meta: JsonObject, name: str, codes: NDArray) -> NDArray:
-    """Bytes (N, C) of version 1 between the limits of their channels."""
-    low, high = (_numbers(meta, name, end, codes.shape[1]) for end in ("mins", "maxs"))
-    return low + codes / 255.0 * (high - low)
+def _between(entry: Fields, shares: NDArray) -> NDArray:
+    """Shares (N, C) of the way between the limits of their channels."""
+    low, high = (entry.array(end, (shares.shape[1],)) for end in ("mins", "maxs"))
+    return low + shares * (high - low)
 
 
 def _read_higher(
-    read: Callable[[str, int], bytes], meta: JsonObject, count: int, pixels: Callable[..., NDArray]
+    read: Callable[[str, int], bytes], meta: Fields, count: int, pixels: Callable[..., NDArray]
 ) -> NDArray:
     """(N, B − 1, 3)."""
-    if "shN" not in meta:
+    if "shN" not in meta.values:
         return np.zeros((count, 0, 3))
-    entry = _entry(meta, "shN")
-    is_first = "codebook" not in entry
-    degree, size = (3, _MAX_PALETTE) if is_first else (entry.get("bands"), entry.get("count"))
-    if degree not in (1, 2, 3) or not isinstance(size, int) or not 1 <= size <= _MAX_PALETTE:
-        raise InputError(f"degree {str(degree)[:20]}, palette of {str(size)[:20]}", where="shN")
+    entry = meta.inside("shN")
+    is_first = "codebook" not in entry.values
+    degree, size = (3, _MAX_PALETTE) if is_first else (entry.whole("bands"), entry.whole("count"))
+    if degree not in (1, 2, 3) or not 1 <= size <= _MAX_PALETTE:
+        raise InputError(f"degree {degree}, palette of {size}", where=entry.where)
     terms = _TERMS[degree]
-    picture = _picture(read, meta, "shN", 0, _MAX_PALETTE * terms)
+    picture = _picture(read, entry, 0, _MAX_PALETTE * terms)
     if picture.shape[1] != _PALETTE_ROW * terms:
-        raise InputError(f"a palette {picture.shape[1]} pixels wide, expected {_PALETTE_ROW * terms}", where="shN")
+        fault = f"a palette {picture.shape[1]} pixels wide, expected {_PALETTE_ROW * terms}"
+        raise InputError(fault, where=entry.where)
     codes = picture[..., :3].reshape(-1, terms, 3)
     if is_first:
-        low, high = (_number(entry, end) for end in ("mins", "maxs"))
+        low, high = (entry.number(end) for end in ("mins", "maxs"))
         vectors = low + codes / 255.0 * (high - low)
     else:
-        vectors = _numbers(meta, "shN", "codebook", 256)[codes]
+        vectors = entry.array("codebook", (256,))[codes]
     labels = pixels("shN", 1)[:, :2] @ np.array([1, 256])
     if labels.max() >= len(vectors):
-        raise InputError(f"index {labels.max()} into a palette of {len(vectors)}", where="shN")
+        raise InputError(f"index {labels.max()} into a palette of {len(vectors)}", where=entry.where)
     return vectors[labels]
 
 
@@ -350,13 +337,13 @@ def _unpacked_rotations(octets: NDArray) -> NDArray:
     return from_smallest_three(largest, (octets[:, :3] / 255.0 - 0.5) * np.sqrt(2))
 
 
-def _picture(read: Callable[[str, int], bytes], meta: JsonObject, name: str, index: int, most: int) -> NDArray:
+def _picture(read: Callable[[str, int], bytes], entry: Fields, index: int, most: int) -> NDArray:
     """(h, w, 4) int64 of a picture of about `most` pixels at most."""
     from PIL import Image
 
-    files = _entry(meta, name).get("files")
+    files = entry.values.get("files")
     if not isinstance(files, list) or index >= len(files) or not _is_plain_name(files[index]):
-        raise InputError(f"no plain name of picture {index}", where=name)
+        raise InputError(f"no plain name of picture {index}", where=entry.where)
     data = read(files[index], 8 * most + (1 << 16))
     with parsing("WebP picture"), Image.open(io.BytesIO(data), formats=["WEBP"]) as image:
         if image.width * image.height > 2 * most + 4096 or max(image.size) > _MAX_SIDE:
@@ -368,32 +355,6 @@ def _is_plain_name(name: object) -> bool:
     return isinstance(name, str) and 0 < len(name) < 200 and name == PurePosixPath(name).name and "\\" not in name
 
 
-def _json_object(data: bytes) -> JsonObject:
-    try:
-        meta = json.loads(data)
-    except (ValueError, RecursionError):
-        raise InputError("not JSON", where=META) from None
-    if not isinstance(meta, dict):
-        raise InputError("no JSON object", where=META)
-    return meta
-
-
-def _entry(meta: JsonObject, name: str) -> JsonObject:
-    entry = meta.get(name)
-    if not isinstance(entry, dict):
-        raise InputError(f"lacks '{name}'", where=META)
-    return entry
-
-
-def _numbers(meta: JsonObject, name: str, field: str, count: int) -> NDArray:
-    values = _entry(meta, name).get(field)
-    if not isinstance(values, list) or len(values) != count or not all(isinstance(v, (int, float)) for v in values):
-        raise InputError(f"expected {count} numbers in '{field}'", where=name)
-    return np.array(values, np.float64)
-
-
-def _number(entry: JsonObject, field: str) -> float:
-    value = entry.get(field)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"expected a number in '{field}'", where="shN")
-    return float(value)
+def _document(data: bytes, name: str) -> Fields:
+    with within(name):
+        return Fields(parse_object(data), name)

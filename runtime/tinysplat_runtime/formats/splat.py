@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.sh import C0
 from ..system.files import read_limited
+from .assembly import Contents
 
 _RECORD = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
 
 
-def read_splat(path: Path, max_bytes: int) -> dict[str, NDArray]:
+def read_splat(path: Path, max_bytes: int) -> Contents:
     """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, 1, 3), linear, float.
 
     Raises:
@@ -29,10 +30,11 @@ def read_splat(path: Path, max_bytes: int) -> dict[str, NDArray]:
     rows = np.frombuffer(data, _RECORD)
     quats = (rows["quats"].astype(np.float64) - 128) / 128
     quats[~quats.any(axis=1), 0] = 1  # all 128: no rotation
-    return {
+    arrays: dict[str, NDArray] = {
         "means": rows["means"],
         "quats": quats,
         "scales": rows["scales"],
         "opacities": rows["rgba"][:, 3] / 255.0,
         "sh": ((rows["rgba"][:, None, :3] / 255.0) - 0.5) / C0,
     }
+    return arrays, {}

@@ -24,9 +24,9 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from . import SH_BITS, SPZ_VERSION
-from .assembly import cut_degree_note
+from .assembly import Contents, cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
-from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, is_antialiased, pack_blocks, read_blocks
+from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, pack_blocks, read_blocks
 
 _MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
 """The highest SH degree that readers of a version know."""
@@ -104,30 +104,27 @@ def fixed_points(points: NDArray) -> tuple[NDArray, int]:
     return np.rint(np.ldexp(points, bits)).clip(-_FIXED_LIMIT, _FIXED_LIMIT).astype(np.int32), bits
 
 
-def read_spz_notes(path: Path) -> dict[str, str]:
-    """The one note that a header has room for."""
-    return {"antialiased": YES} if is_antialiased(path) else {}
-
-
-def read_spz(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, in floating point.
+def read_spz(path: Path, max_bytes: int) -> Contents:
+    """Read means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear, in floating point, and
+    the one note that a header has room for.
 
     Raises:
         InputError: damaged, of another version, or larger than `max_bytes`.
         ImportError: version 4, and zstandard is not installed.
     """
     with path.open("rb") as file:
-        return half_turned(decode_spz(file, max_bytes))
+        header, arrays = decode_spz(file, max_bytes)
+    return half_turned(arrays), {"antialiased": YES} if header.antialiased else {}
 
 
-def decode_spz(file: BinaryIO, max_bytes: int) -> dict[str, NDArray]:
-    """As `read_spz`, in SPZ's own axes."""
+def decode_spz(file: BinaryIO, max_bytes: int) -> tuple[SpzHeader, dict[str, NDArray]]:
+    """The header, and arrays as `read_spz` has them, in SPZ's own axes."""
     header, (positions, alphas, colours, scales, rotations, higher) = read_blocks(file, max_bytes)
     functions = (header.degree + 1) ** 2
     rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128
     quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
     with np.errstate(invalid="ignore"):  # NaN among version 1's positions: Gaussians will name it
-        return {
+        return header, {
             "means": _positions(positions, header),
             "quats": quats,
             "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),

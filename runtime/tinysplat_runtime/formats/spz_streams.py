@@ -16,7 +16,6 @@ import struct
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -101,17 +100,6 @@ def pack_blocks(header: SpzHeader, blocks: Sequence[NDArray]) -> bytes:
     table = b"".join(_TABLE_ROW.pack(len(stream), len(part)) for stream, part in zip(streams, parts, strict=True))
     head = _LONG_HEADER.pack(*fields, len(streams), _LONG_HEADER.size, bytes(12))
     return b"".join((head, table, *streams))
-
-
-def is_antialiased(path: Path) -> bool:
-    """What the header's flag says; False where there is no header."""
-    with path.open("rb") as file, parsing(".spz file"):
-        framed = file.read(_HEADER.size)
-        if not framed.startswith(struct.pack("<I", _MAGIC)):
-            file.seek(0)
-            with gzip.open(file) as stream:
-                framed = stream.read(_HEADER.size)
-    return len(framed) == _HEADER.size and bool(_HEADER.unpack(framed)[5] & _ANTIALIASED)
 
 
 def read_blocks(file: BinaryIO, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:

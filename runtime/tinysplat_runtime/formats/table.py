@@ -10,20 +10,19 @@ again where its order is given.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
 from ..container.layout import MAGIC, SUFFIX
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
-from ..gaussian.notes import NAMES, NO_NOTES, Notes
+from ..gaussian.notes import NAMES, Notes
 from ..scene.cameras import Camera
 from ..system.files import StrPath, atomic_path, check_readable
 from . import SH_BITS, SPZ_VERSION
+from .assembly import Contents
 from .viewpoints import cameras_beside
 
 MAX_BYTES = 8 << 30
@@ -53,10 +52,9 @@ class Format:
         keeps: what survives, in a few words.
         checked: the program that is not ours which reads or writes it in the tests, or in checks/.
         extra: what `pip install "tinysplat[…]"` brings its package, empty where it needs none.
-        read: (path, most bytes) to arrays; None where it is only written.
+        read: (path, most bytes) to arrays and fields of `Notes`; None where it is only written.
         write: (path, Gaussians, options) to what could not be kept; None where it is only read.
-        notes: path to fields of `Notes`; None where there is no room for any.
-        room: names of the notes that there is room for, where there are.
+        room: names of the notes that there is room for.
     """
 
     name: str
@@ -64,9 +62,8 @@ class Format:
     keeps: str
     checked: str
     extra: str = ""
-    read: Callable[[Path, int], Mapping[str, NDArray]] | None = None
+    read: Callable[[Path, int], Contents] | None = None
     write: Callable[[Path, Gaussians, WriteOptions], list[str]] | None = None
-    notes: Callable[[Path], Mapping[str, Any]] | None = None
     room: tuple[str, ...] = NAMES
 
 
@@ -95,40 +92,40 @@ def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
 FORMATS = (
     Format(
         "npz", (".npz",), "everything, exactly", "numpy", "",
-        _from("arrays.read_npz"), _to("arrays.write_npz"), _from("file_notes.npz_notes"),
+        _from("arrays.read_npz"), _to("arrays.write_npz"),
     ),
     Format(
         "safetensors", (".safetensors",), "everything, exactly", "safetensors", "io",
-        _from("arrays.read_safetensors"), _to("arrays.write_safetensors"), _from("file_notes.safetensors_notes"),
+        _from("arrays.read_safetensors"), _to("arrays.write_safetensors"),
     ),
     Format(
         "compressed PLY", (".compressed.ply",), "a list; 8 to 11 bits of their chunk's range, SH to degree 3",
         "gaussforge", "io",
-        _from("ply.read_ply"), _to("compressed_ply.save_compressed_ply"), _from("file_notes.ply_notes"),
+        _from("ply.read_ply"), _to("compressed_ply.save_compressed_ply"),
     ),
     Format(
         "PLY (3DGS)", (".ply",), "a list, float, SH to degree 3", "plyfile, splat-transform", "io",
-        _from("ply.read_ply"), _to("ply.save_ply"), _from("file_notes.ply_notes"),
+        _from("ply.read_ply"), _to("ply.save_ply"),
     ),
     Format(
         "SPZ", (".spz",), "a list, 24-bit positions, bytes, SH to degree 3 (4 in version 4)",
         "gaussforge, splat-transform", "io",
-        _from("spz.read_spz"), _spz, _from("spz.read_spz_notes"), ("antialiased",),
+        _from("spz.read_spz"), _spz, ("antialiased",),
     ),
     Format(
         "glTF", (".glb", ".gltf"), "a list, float, SH to degree 3; cameras, origin, notes",
         "three.js, Babylon.js, CesiumJS", "",
-        _from("gltf_reader.read_gltf"), _to("gltf.write_gltf"), _from("gltf_reader.read_gltf_notes"),
+        _from("gltf_reader.read_gltf"), _to("gltf.write_gltf"),
     ),
     Format(
         "SOG", (".sog", "meta.json"), "a list, 16-bit positions, codebooks, SH to degree 3 from a palette",
         "gaussforge", "io",
-        _from("sog.read_sog"), _to("sog.save_sog"), _from("sog.read_sog_notes"), ("antialiased",),
+        _from("sog.read_sog"), _to("sog.save_sog"), ("antialiased",),
     ),
     Format(
         "USD", (".usd", ".usda", ".usdc", ".usdz"), "a list, float, SH to degree 4, origin, notes",
         "usd-core", "usd",
-        _from("usd.read_usd"), _to("usd.write_usd"), _from("usd.read_usd_notes"),
+        _from("usd.read_usd"), _to("usd.write_usd"),
     ),
     Format("splat", (".splat",), "a list, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
 )  # fmt: skip
@@ -203,18 +200,18 @@ def load_gaussians(
     try:
         if not path.stat().st_size:
             raise InputError(f"an empty file, expected {form.name}")
-        arrays_read, invalid = form.read(Path(path), max_bytes), 0
-        for doubt in activation_doubts(arrays_read):
+        (arrays, notes), invalid = form.read(path, max_bytes), 0
+        for doubt in activation_doubts(arrays):
             warn(f"{path}: {doubt}")
         if grid is None:
-            arrays_read, invalid = without_invalid(arrays_read)
-        gaussians = assemble(arrays_read, grid, cameras)
+            arrays, invalid = without_invalid(arrays)
+        gaussians = assemble(arrays, grid, cameras)
         if not gaussians.is_per_pixel and not gaussians.viewpoints:
             gaussians = replace(gaussians, viewpoints=cameras_beside(path))
         if invalid:
             fault = "hold NaN, infinity or a rotation of zero and are left out"
             warn(f"{path}: {invalid} of {invalid + gaussians.count} Gaussians {fault}")
-        return gaussians.with_notes(NO_NOTES if form.notes is None else Notes(**form.notes(Path(path))))
+        return gaussians.with_notes(Notes(**notes))
     except ImportError:
         raise _missing_package(path, form) from None
     except InputError as error:
@@ -253,7 +250,7 @@ def save_gaussians(
         raise InputError(fault, where="save_gaussians")
     form = find_format(path, written=True)
     assert form.write is not None  # find_format
-    unsaid = [name for name in gaussians.notes.given() if form.notes is None or name not in form.room]
+    unsaid = [name for name in gaussians.notes.given() if name not in form.room]
     lost = [f"notes left out, for which {form.endings[0]} has no room: {', '.join(unsaid)}"] if unsaid else []
     try:
         with atomic_path(path) as temporary:

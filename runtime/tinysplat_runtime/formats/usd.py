@@ -25,6 +25,7 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
+from .assembly import Contents
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .usd_worker import NOTE_KEY
 
@@ -63,8 +64,8 @@ def write_usd(path: Path, gaussians: Gaussians) -> list[str]:
     return _losses(gaussians)
 
 
-def read_usd(path: Path, max_bytes: int) -> dict[str, NDArray]:
-    """Read the Gaussians of all ParticleField3DGaussianSplat prims of a stage that show as one list.
+def read_usd(path: Path, max_bytes: int) -> Contents:
+    """Read the Gaussians of all ParticleField3DGaussianSplat prims of a stage that show as one list, and their notes.
 
     Returns:
         means (N, 3), quats (N, 4), scales (N, 3), opacities (N,) and sh (N, B, 3), linear; means float64.
@@ -74,15 +75,10 @@ def read_usd(path: Path, max_bytes: int) -> dict[str, NDArray]:
         ImportError: usd-core is not installed.
     """
     arrays = _read(path, max_bytes)
-    del arrays["notes"]
+    notes = json.loads(arrays.pop("notes").tobytes())
     if hidden := int(arrays.pop("hidden")):
         warn(f"{path}: {hidden} prims with Gaussians are invisible, guides or proxies, and left out")
-    return half_turned(arrays)
-
-
-def read_usd_notes(path: Path) -> dict[str, Any]:
-    """Fields of `Notes` that the prims of a stage carry; raises as `read_usd`."""
-    return dict(json.loads(_read(path, 0)["notes"].tobytes()))
+    return half_turned(arrays), notes
 
 
 def _read(path: Path, max_bytes: int) -> dict[str, NDArray]:

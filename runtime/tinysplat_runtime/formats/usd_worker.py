@@ -1,7 +1,6 @@
 """The process in which usd-core reads a file: `python -m tinysplat_runtime.formats.usd_worker FILE OUT.npz MAX_BYTES`.
 
-Writes the arrays of `usd.read_usd` about axes with y up, how many prims are `hidden`, and `notes`, JSON; with 0 in
-place of MAX_BYTES those alone.
+Writes the arrays of `usd.read_usd` about axes with y up, how many prims are `hidden`, and `notes`, JSON.
 """
 
 from __future__ import annotations
@@ -127,7 +126,7 @@ def main(path: str, out: str, max_bytes: int) -> int:
 
     bound_process(MEMORY_BASE + MEMORY_FACTOR * Path(path).stat().st_size, SECONDS)
     try:
-        arrays: dict[str, Any] = stage_arrays(path, max_bytes) if max_bytes else {}
+        arrays: dict[str, Any] = stage_arrays(path, max_bytes)
         arrays["notes"] = np.frombuffer(json.dumps(stage_notes(path)).encode(), np.uint8)
     except (ValueError, RuntimeError, MemoryError, InputError) as error:
         print(" ".join(str(error).split())[:200] or type(error).__name__, file=sys.stderr)

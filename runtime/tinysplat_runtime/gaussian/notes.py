@@ -6,8 +6,9 @@ a terminal or change the order in which it reads.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 from ..errors import InputError
 from ..system.printable import type_of, unprinted
@@ -95,3 +96,8 @@ class Notes:
 
 NO_NOTES = Notes()
 NAMES = tuple(field.name for field in fields(Notes))
+
+
+def known_notes(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What a document says under names of notes."""
+    return {name: document[name] for name in NAMES if name in document}
