@@ -26,7 +26,7 @@ from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.bodies import BODIES
 from tinysplat_runtime.container.body import Body, Description, Opened
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import CodedChannel
+from tinysplat_runtime.container.records import ChannelRecord, Picture
 from tinysplat_runtime.container.sections import Cursor, NewSection
 from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError
@@ -66,7 +66,7 @@ class Toy(Body):
 def encode_toy(job: Job) -> bytes:
     means = job.gaussians.flat().means.astype("<f2")
     sections = [NewSection(TOY_POINTS, 0, struct.pack("<I", len(means)))]
-    rows = [(0, CodedChannel(PlaneClass.POSITION, 0, 0, 0.0, 0.0, (means.tobytes(),)))]
+    rows = [(0, ChannelRecord(PlaneClass.POSITION, 0, 0, 0.0, 0.0, Picture.each_of([means.tobytes()])))]
     return write_container((), np.zeros(3), "toy", job.qp, sections, rows, views=1, notes=job.gaussians.notes)
 
 

@@ -10,6 +10,7 @@ from scenes import make_photo, refusing
 
 from tinysplat_runtime.codec.photos import decode_photos, encode_photos, photo_qp, picture_planes, planes_picture
 from tinysplat_runtime.codec.profiles import PROFILES
+from tinysplat_runtime.container.records import Picture
 from tinysplat_runtime.errors import FormatError
 
 
@@ -61,11 +62,11 @@ def test_photos_come_back_nearly_and_the_worse_the_coarser_on_any_threads() -> N
     errors = []
     for qp in (-15.0, 0.0, 15.0):
         coded = encode_photos(images, qp, settings, 2)
-        assert (coded.height, coded.width, coded.qp, len(coded.payloads)) == (40, 52, photo_qp(qp), 2)
-        assert encode_photos(images, qp, replace(settings, block_qps=True), 1).payloads == coded.payloads
-        back = decode_photos(coded.payloads, (40, 52), coded.parameter_sets, 1)
+        assert (coded.height, coded.width, coded.qp, len(coded.pictures)) == (40, 52, photo_qp(qp), 2)
+        assert encode_photos(images, qp, replace(settings, block_qps=True), 1) == coded
+        back = decode_photos(coded, 1)
         assert back.shape == images.shape and back.dtype == np.float32
-        np.testing.assert_array_equal(back, decode_photos(coded.payloads, (40, 52), coded.parameter_sets, 3))
+        np.testing.assert_array_equal(back, decode_photos(coded, 3))
         errors.append(float(np.sqrt(((back - images) ** 2).mean())))
     assert errors[0] < errors[1] < errors[2]
 
@@ -73,6 +74,6 @@ def test_photos_come_back_nearly_and_the_worse_the_coarser_on_any_threads() -> N
 def test_a_damaged_photo_is_named() -> None:
     images = np.stack([make_photo(16, 16, seed).astype(np.float32) / 255 for seed in (0, 1)])
     coded = encode_photos(images, 0.0, PROFILES["fast"].encoder, 1)
-    damaged = replace(coded, payloads=(coded.payloads[0], b"no picture"))
+    damaged = replace(coded, pictures=(coded.pictures[0], *Picture.each_of([b"no picture"])))
     with refusing(FormatError, "1"):
-        decode_photos(damaged.payloads, (16, 16), coded.parameter_sets, 1)
+        decode_photos(damaged, 1)

@@ -19,7 +19,7 @@ from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
 from tinysplat_runtime.container.layers import CodedLayer
 from tinysplat_runtime.container.planes import planes_file
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import CodedChannel, Limits
+from tinysplat_runtime.container.records import ChannelRecord, Limits, Picture
 from tinysplat_runtime.container.sections import NewSection
 from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError
@@ -41,7 +41,7 @@ def _file(
     """A file of one layer of (height, width) whose channels are constants."""
     K = [[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]
     camera = Camera(K, np.eye(4), size[1], size[0])
-    channels = tuple(CodedChannel(c, target, 0, 0.0, value) for c, target, value in records)
+    channels = tuple(ChannelRecord(c, target, 0, 0.0, value) for c, target, value in records)
     layer = CodedLayer(*size, 0, LayerPlan((), 0, depths), channels, b"", (camera,))
     return planes_file([layer], [camera], np.zeros(3), "paper", 0.0)
 
@@ -209,7 +209,7 @@ def _with_photos(
     values = {"format": 0, "sets": 7, **fields}
     photos = struct.pack("<32s64s2d2I2BH", b"", network, *depths, *size, values["format"], values["sets"], 0)
     extras = [NewSection(b"PHOT", 0, photos), NewSection(b"HEVC", 7, b"sets")]
-    rows = [(0, CodedChannel(PlaneClass.PHOTO, 0, 20, 0.0, 0.0, tuple(payloads)))]
+    rows = [(0, ChannelRecord(PlaneClass.PHOTO, 0, 20, 0.0, 0.0, Picture.each_of(payloads)))]
     return write_container([camera], np.zeros(3), "fast", 0.0, extras, rows, layers)
 
 
@@ -258,7 +258,7 @@ def _with_exact(
     planes = range(12 + 3 * (degree + 1) ** 2) if planes is None else planes
     fixed = struct.pack("<2I2B2x2f32x", *size, degree, flags, *depths)
     extras = [NewSection(b"EXAC", n, fixed + tail) for n in range(layers)]
-    channels = [CodedChannel(PlaneClass.EXACT, target, 0, 0.0, 0.0, (b"x",)) for target in planes]
+    channels = [ChannelRecord(PlaneClass.EXACT, target, 0, 0.0, 0.0, Picture.each_of([b"x"])) for target in planes]
     rows = [(layer, channel) for layer in range(layers) for channel in channels]
     return write_container([camera], np.zeros(3), "max", 0.0, extras, rows, layers)
 

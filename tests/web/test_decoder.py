@@ -178,10 +178,7 @@ def hold_to_network(data: bytes, decoder: Decoder, runtime: ts.Runtime, tmp_path
     check(found, predicted)
     photos = read_container(data).body
     assert isinstance(photos, Photos)
-    sets = read_container(data).parameter_sets[photos.photos.parameter_set]
-    own = photos.photos
-    payloads = [own.payload(view) for view in range(len(own.pictures))]
-    wanted = decode_photos(payloads, (own.height, own.width), sets, 1)
+    wanted = decode_photos(photos.photos, 1)
     with np.load(tmp_path / "photos.npz") as shown:
         assert np.abs(np.stack([shown[str(view)] for view in range(len(wanted))]) - wanted).max() < 1e-6
     asked = json.loads((tmp_path / "asked.json").read_text())

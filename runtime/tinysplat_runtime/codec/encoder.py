@@ -15,7 +15,7 @@ from ..container.layers import CodedLayer
 from ..container.layout import MAX_VIEWS
 from ..container.planes import planes_file
 from ..container.reader import read_container
-from ..container.records import CodedChannel, Limits
+from ..container.records import ChannelRecord, Limits, Picture
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
@@ -216,8 +216,8 @@ class _Coding:
         for mapped, coded in planes:
             if coded:
                 self._stats.add_clipped(mapped.channel.plane_class, sum(count for _, count in coded))
-            code_map, payloads = mapped.code_map, tuple(plane.payload for plane, _ in coded)
-            channels.append(CodedChannel(*mapped.channel.key, code_map.qp, code_map.scale, code_map.offset, payloads))
+            code_map, pictures = mapped.code_map, Picture.each_of(plane.payload for plane, _ in coded)
+            channels.append(ChannelRecord(*mapped.channel.key, code_map.qp, code_map.scale, code_map.offset, pictures))
         sets = {plane.parameter_sets for _, coded in planes for plane, _ in coded}
         assert len(sets) <= 1, "parameter sets differ among planes of one size"
         height, width = layer.opacities.shape[1:]

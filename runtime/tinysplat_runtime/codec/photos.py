@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..container.photos import PHOTO_SIDE_MULTIPLE, CodedPhotos
+from ..container.records import Picture
 from ..errors import within
 from ..gaussian.planes import MAX_QP
 from ..scene.images import doubled
@@ -63,25 +64,24 @@ def encode_photos(images: NDArray, qp: float, settings: EncoderSettings, threads
     coded = Crew(threads).map(encode, images)
     height, width = images.shape[1:3]
     (sets,) = {picture.parameter_sets for picture in coded}  # the same of all pictures of one size
-    return CodedPhotos(height, width, picture_qp, sets, tuple(picture.payload for picture in coded))
+    return CodedPhotos(height, width, picture_qp, sets, Picture.each_of(picture.payload for picture in coded))
 
 
-def decode_photos(
-    payloads: Sequence[bytes | memoryview], size: tuple[int, int], parameter_sets: bytes, threads: int
-) -> NDArray:
-    """(V, H, W, 3) float32 RGB in [0, 1] of photos of `size` (H, W): what the network is given on either side.
+def decode_photos(photos: CodedPhotos, threads: int) -> NDArray:
+    """(V, H, W, 3) float32 RGB in [0, 1] of photos: what the network is given on either side.
 
     Raises:
         FormatError: a picture is damaged, or not of the announced size and format; names the photo.
     """
+    size = photos.height, photos.width
     height, width = coded_photo_size(*size)
 
     def decode(view: int) -> NDArray:
         with within(f"photo {view}"):
-            planes = PictureDecoder(parameter_sets, height, width, _PIXEL_FORMAT).decode(payloads[view])
+            planes = PictureDecoder(photos.parameter_sets, height, width, _PIXEL_FORMAT).decode(photos.payload(view))
         return planes_picture(planes, *size)
 
-    return np.stack(Crew(threads).map(decode, range(len(payloads))))
+    return np.stack(Crew(threads).map(decode, range(len(photos.pictures))))
 
 
 def coded_photo_size(height: int, width: int) -> tuple[int, int]:

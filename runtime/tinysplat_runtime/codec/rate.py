@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..container.layers import CodedLayer
 from ..container.planes import planes_file
-from ..container.records import CodedChannel
+from ..container.records import ChannelRecord, Picture
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from .adaptive import depth_fineness, with_depth_pictures
 from .depth_step.blocks import DEAD_ZONE, SIDE, dct
@@ -107,8 +107,8 @@ class PlanesCoder(Coder):
         """About what a file of such plans has besides its pictures."""
         layers = []
         for layer, plan in zip(self._encoder.job.gaussians.layers, plans, strict=True):
-            one_each = (b"\0",) * len(layer.cameras)
-            channels = tuple(CodedChannel(c.plane_class, c.target, 0, 0.0, 0.0, one_each) for c in plan.channels)
+            one_each = Picture.each_of([b"\0"] * len(layer.cameras))
+            channels = tuple(ChannelRecord(c.plane_class, c.target, 0, 0.0, 0.0, one_each) for c in plan.channels)
             height, width = layer.opacities.shape[1:]
             layers.append(CodedLayer(height, width, layer.degree, plan, channels, b"", layer.cameras))
         scene = self._encoder.job.gaussians

@@ -18,7 +18,7 @@ from ..container.body import Container
 from ..container.layers import CodedLayer, LayerHeader
 from ..container.planes import Planes
 from ..container.reader import read_container
-from ..container.records import ChannelRecord, CodedChannel, Limits
+from ..container.records import ChannelRecord, Limits, Picture
 from ..errors import InputError, within
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction
@@ -218,7 +218,7 @@ class _LayerCoder:
         degree = max(header.source_degree, plan.degree)
         return CodedLayer(header.height, header.width, degree, plan, tuple(channels), self._sets, header.cameras)
 
-    def _channels(self, targets: dict[tuple[PlaneClass, int], _Target]) -> tuple[list[CodedChannel], set[bytes]]:
+    def _channels(self, targets: dict[tuple[PlaneClass, int], _Target]) -> tuple[list[ChannelRecord], set[bytes]]:
         """All channels, and the parameter sets of the pictures that were coded anew."""
         channels, sets = [], set[bytes]()
         for record in self._header.channels:
@@ -229,10 +229,10 @@ class _LayerCoder:
             else:
                 is_same, mean = target.same.all(), float(target.rest.mean(dtype=np.float64))
                 value = record.offset if is_same else mean
-                channels.append(CodedChannel(*record.key, record.qp, record.scale, value))
+                channels.append(replace(record, offset=value))
         return channels, sets
 
-    def _coded(self, record: ChannelRecord, target: _Target, sets: set[bytes]) -> CodedChannel:
+    def _coded(self, record: ChannelRecord, target: _Target, sets: set[bytes]) -> ChannelRecord:
         code_map = CodeMap(record.scale, record.offset, record.qp)
         codes, clipped = code_map.quantise(target.rest)
         self._stats.add_clipped(record.plane_class, clipped)
@@ -243,8 +243,7 @@ class _LayerCoder:
                 sets.add(plane.parameter_sets)
                 target.same[view] = False  # what a second channel adds to this one changes with it
         target.rest = target.rest - code_map.dequantise(np.stack([decoded for _, decoded, _ in coded]))
-        payloads = tuple(plane.payload for plane, _, _ in coded)
-        return CodedChannel(*record.key, record.qp, record.scale, record.offset, payloads)
+        return replace(record, pictures=Picture.each_of(plane.payload for plane, _, _ in coded))
 
     def _picture(
         self, record: ChannelRecord, codes: NDArray, same: NDArray, view: int

@@ -15,9 +15,9 @@ from . import layout as L
 from .body import Body, Description, Opened, check_totals
 from .cameras import has_own_intrinsics, packed_intrinsics
 from .layers import PixelGrid
-from .records import CodedChannel, Picture
+from .records import ChannelRecord, Picture
 from .sections import Cursor, NewSection
-from .table import CodedRow
+from .table import Row
 
 EXACT = b"EXAC"
 
@@ -28,7 +28,7 @@ have OWN_INTRINSICS, which is the only one."""
 
 @dataclass(frozen=True)
 class ExactLayer(PixelGrid):
-    """A layer of exact planes of a file: its grid, and its planes, a row of pictures each."""
+    """A layer of exact planes: its grid, and its planes, a row of pictures each."""
 
     cameras: tuple[Camera, ...]
     degree: int
@@ -44,17 +44,6 @@ class ExactLayer(PixelGrid):
     def payload(self, view: int, plane: int) -> memoryview:
         """One plane's bytes; FormatError where they are cut off or altered."""
         return self.rows[plane][view].checked(f"exact plane {plane}, view {view}")
-
-
-@dataclass(frozen=True)
-class CodedExact:
-    """A layer of exact planes ready for the file: for each plane a payload per view."""
-
-    cameras: tuple[Camera, ...]
-    degree: int
-    depth_limits: tuple[float, float]
-    sha256: bytes
-    payloads: tuple[tuple[bytes, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +77,7 @@ class Exact(Body):
         return Description(gaussians=gaussians, sh_degree=self.layers[0].degree)
 
 
-def exact_section(layer: CodedExact, index: int, cameras: Sequence[Camera]) -> NewSection:
+def exact_section(layer: ExactLayer, index: int, cameras: Sequence[Camera]) -> NewSection:
     """The section of a layer of exact planes, of a file with such cameras."""
     first, has_own = layer.cameras[0], has_own_intrinsics(cameras, layer.cameras)
     flags = L.OWN_INTRINSICS * has_own
@@ -96,9 +85,9 @@ def exact_section(layer: CodedExact, index: int, cameras: Sequence[Camera]) -> N
     return NewSection(EXACT, index, fixed + (packed_intrinsics(layer.cameras) if has_own else b""))
 
 
-def exact_rows(layer: CodedExact, index: int) -> list[CodedRow]:
+def exact_rows(layer: ExactLayer, index: int) -> list[Row]:
     """Its rows of the table of pictures."""
-    return [(index, CodedChannel(PlaneClass.EXACT, n, 0, 0.0, 0.0, own)) for n, own in enumerate(layer.payloads)]
+    return [(index, ChannelRecord(PlaneClass.EXACT, n, 0, 0.0, 0.0, own)) for n, own in enumerate(layer.rows)]
 
 
 def _read_exact(file: Opened, index: int) -> ExactLayer:

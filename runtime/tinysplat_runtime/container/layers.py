@@ -16,7 +16,7 @@ from . import layout as L
 from .body import Opened
 from .cameras import has_own_intrinsics, packed_intrinsics
 from .columns import packed_columns, read_columns
-from .records import ChannelRecord, CodedChannel
+from .records import ChannelRecord
 from .sections import Cursor, NewSection, require
 
 UNIT_TOLERANCE = 1e-3
@@ -108,7 +108,7 @@ class CodedLayer:
     width: int
     source_degree: int
     plan: LayerPlan
-    channels: tuple[CodedChannel, ...]
+    channels: tuple[ChannelRecord, ...]
     parameter_sets: bytes
     cameras: tuple[Camera, ...]
 

@@ -22,9 +22,9 @@ from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
 from .body import Body, Description, Opened, check_totals
-from .records import ChannelRecord, CodedChannel, Picture
+from .records import ChannelRecord, Picture
 from .sections import Cursor, NewSection, require
-from .table import CodedRow
+from .table import Row
 
 LIST = b"LIST"
 TIER = b"TIER"
@@ -237,17 +237,16 @@ def list_sections(scene: ListScene, parameter_sets: Sequence[bytes]) -> list[New
     return sections + [NewSection(L.PARAMETER_SETS, n, sets) for n, sets in enumerate(parameter_sets) if sets]
 
 
-def list_rows(scene: ListScene, payloads: Sequence[Mapping[tuple[PlaneClass, int], bytes]]) -> Iterator[CodedRow]:
+def list_rows(scene: ListScene, payloads: Sequence[Mapping[tuple[PlaneClass, int], bytes]]) -> Iterator[Row]:
     """The rows of a scene's tiers; `payloads` are by tier the pictures of the channels that are no numbers."""
     for number, (tier, pictures) in enumerate(zip(scene.tiers, payloads, strict=True)):
         streams = tier.grid.streams
         points = STREAMS_FIXED.pack(*map(len, streams)) + b"".join(map(bytes, streams))
-        records = [channel.record for channel in tier.channels]
         channels = [
-            CodedChannel(*r.key, r.qp, r.scale, r.offset, (pictures[r.key],) if r.key in pictures else ())
-            for r in records
+            replace(record, pictures=Picture.each_of([pictures[record.key]] if record.key in pictures else []))
+            for record in (channel.record for channel in tier.channels)
         ]
-        channels.append(CodedChannel(PlaneClass.POSITION, 0, 0, 0.0, 0.0, (points,)))
+        channels.append(ChannelRecord(PlaneClass.POSITION, 0, 0, 0.0, 0.0, Picture.each_of([points])))
         yield from ((number, c) for c in sorted(channels, key=lambda c: (BYTE_ORDER.index(c.plane_class), c.target)))
 
 

@@ -15,9 +15,9 @@ from ..errors import FormatError
 from ..gaussian.planes import MAX_DECODED, PlaneClass
 from . import layout as L
 from .body import Body, Description, Opened
-from .records import CodedChannel, Picture
+from .records import ChannelRecord, Picture
 from .sections import Cursor, NewSection
-from .table import CodedRow
+from .table import Row
 
 if TYPE_CHECKING:  # most files hold no photos
     from ..scene.neighbours import Group
@@ -60,34 +60,23 @@ class NetworkRef:
 
 
 @dataclass(frozen=True)
-class PhotoHeader:
-    """Photos of a file: their size, and their pictures."""
-
-    height: int
-    width: int
-    qp: int
-    parameter_set: int
-    pictures: tuple[Picture, ...]
-
-    def payload(self, view: int) -> memoryview:
-        """One photo's slice; FormatError where it is cut off or altered."""
-        return self.pictures[view].checked(f"photo {view}")
-
-
-@dataclass(frozen=True)
 class CodedPhotos:
-    """Photos ready for the file: parameter sets with start codes, and one slice NAL unit each."""
+    """Photos of a file, or ready for it: their size, HEVC parameter sets with start codes, and one picture each."""
 
     height: int
     width: int
     qp: int
     parameter_sets: bytes
-    payloads: tuple[bytes, ...]
+    pictures: tuple[Picture, ...]
 
     @property
-    def rows(self) -> list[CodedRow]:
+    def rows(self) -> list[Row]:
         """The row of the table of pictures."""
-        return [(0, CodedChannel(PlaneClass.PHOTO, 0, self.qp, 0.0, 0.0, self.payloads))]
+        return [(0, ChannelRecord(PlaneClass.PHOTO, 0, self.qp, 0.0, 0.0, self.pictures))]
+
+    def payload(self, view: int) -> memoryview:
+        """One photo's slice; FormatError where it is cut off or altered."""
+        return self.pictures[view].checked(f"photo {view}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +89,7 @@ class Photos(Body):
 
     network: NetworkRef
     groups: tuple[Group, ...]
-    photos: PhotoHeader
+    photos: CodedPhotos
 
     @classmethod
     def read(cls, file: Opened) -> Photos:
@@ -128,7 +117,7 @@ class Photos(Body):
             raise FormatError(f"{len(records)} rows of photos, expected one with pictures", where="section PICT[0]")
         file.require_parameter_set(parameter_set, records, where)
         file.check_sizes(height, width, where)
-        photos = PhotoHeader(height, width, records[0].qp, parameter_set, records[0].pictures)
+        photos = CodedPhotos(height, width, records[0].qp, file.parameter_sets[parameter_set], records[0].pictures)
         network = NetworkRef(name.decode("ascii"), digest.hex(), near, far)
         return cls(cameras=file.cameras, network=network, groups=groups, photos=photos)
 

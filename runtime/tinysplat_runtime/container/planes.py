@@ -19,7 +19,7 @@ from .bounds import check_ranges, decoding_bytes
 from .layers import CodedLayer, LayerHeader, layer_section, read_layer
 from .records import ChannelRecord
 from .sections import NewSection
-from .table import CodedRow
+from .table import Row
 from .writer import write_container
 
 MOST_TOGETHER = 6
@@ -98,7 +98,7 @@ def _sections(layers: Sequence[CodedLayer], cameras: Sequence[Camera]) -> list[N
     return sections + [NewSection(L.PARAMETER_SETS, index, data) for index, data in enumerate(sets) if data]
 
 
-def _rows(layers: Sequence[CodedLayer]) -> Iterator[CodedRow]:
+def _rows(layers: Sequence[CodedLayer]) -> Iterator[Row]:
     """Channels in the order in which a picture gets better from pass to pass."""
     for number in PASSES:
         ordered = list(enumerate(layers))[:: -1 if number == BACK_TO_FRONT else 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -39,13 +40,18 @@ class Picture:
     Attributes:
         data: its bytes; None where they are cut off, or altered in a file that is recovered.
         length, crc: how many there are, and their CRC-32.
-        end: where it ends in the file.
+        end: where it ends in the file; 0 of one that is to be written.
     """
 
     data: memoryview | None
     length: int
     crc: int
-    end: int
+    end: int = 0
+
+    @classmethod
+    def each_of(cls, payloads: Iterable[bytes]) -> tuple[Picture, ...]:
+        """Pictures to be written."""
+        return tuple(cls(memoryview(data), len(data), crc32(data)) for data in payloads)
 
     def checked(self, where: str) -> memoryview:
         """Its bytes; FormatError with `where` unless they are those that were written."""
@@ -58,7 +64,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class ChannelRecord:
-    """One channel as stored: a row of the table of pictures, without its layer.
+    """One channel as stored or to be stored: a row of the table of pictures, without its layer.
 
     Attributes:
         plane_class, target: which channel of which class the values add to.
@@ -87,15 +93,3 @@ class ChannelRecord:
     def lacks(self, view: int) -> bool:
         """Whether it has a picture of the view, but not its bytes."""
         return bool(self.pictures) and self.pictures[view].data is None
-
-
-@dataclass(frozen=True)
-class CodedChannel:
-    """A channel ready for the file: one payload per view, or none for a constant."""
-
-    plane_class: PlaneClass
-    target: int
-    qp: int
-    scale: float
-    offset: float
-    payloads: tuple[bytes, ...] = ()

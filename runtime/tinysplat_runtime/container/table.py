@@ -16,11 +16,11 @@ from ..errors import FormatError
 from ..gaussian.planes import MAX_DECODED, MAX_QP, PlaneClass
 from ..system.jsonfields import JsonObject
 from . import layout as L
-from .records import ChannelRecord, CodedChannel, Picture
+from .records import ChannelRecord, Picture
 from .sections import Cursor, NewSection, Section
 
-CodedRow = tuple[int, CodedChannel]
-"""A row to be written: layer or tier, and its channel."""
+Row = tuple[int, ChannelRecord]
+"""Layer or tier, and its channel."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Table:
         parts: where each view's bytes lie in the file, (first, length), if they are in parts by view.
     """
 
-    rows: tuple[tuple[int, ChannelRecord], ...]
+    rows: tuple[Row, ...]
     views: tuple[int, ...]
     count: int
     parts: tuple[tuple[int, int], ...] = ()
@@ -209,9 +209,7 @@ def _placed(streams: Sequence[tuple[int, int]], data: memoryview, start: int, is
     return pictures
 
 
-def _rows(
-    found: Rows, pictures: Sequence[Picture], held: Sequence[int], views: Sequence[int]
-) -> tuple[tuple[int, ChannelRecord], ...]:
+def _rows(found: Rows, pictures: Sequence[Picture], held: Sequence[int], views: Sequence[int]) -> tuple[Row, ...]:
     """Rows with the pictures of `views`; `pictures` are those of the views `held`, row by row."""
     place_of = {view: place for place, view in enumerate(held)}
     rows, at, places = [], 0, [place_of[view] for view in views]
@@ -231,23 +229,28 @@ def _fetched(parts: Mapping[int, bytes | memoryview], view: int, length: int) ->
     return data
 
 
-def picture_sections(rows: Sequence[CodedRow], views: int, *, by_view: bool) -> list[NewSection]:
-    """PICT and DATA of rows with a payload for each of so many views."""
+def picture_sections(rows: Sequence[Row], views: int, *, by_view: bool) -> list[NewSection]:
+    """PICT and DATA of rows with a picture for each of so many views."""
     fixed = L.PICTURES_FIXED.pack(len(rows), views, by_view)
     for layer, channel in rows:
-        qp = channel.qp if channel.payloads else L.CONSTANT
+        qp = channel.qp if channel.pictures else L.CONSTANT
         fixed += L.CHANNEL.pack(layer, channel.plane_class, channel.target, qp, channel.scale, channel.offset)
-    coded = [channel.payloads for _, channel in rows if channel.payloads]
+    coded = [channel.pictures for _, channel in rows if channel.pictures]
+    parts: list[bytes | memoryview]
     if by_view:
         own = [list(each) for each in zip(*coded, strict=True)] or [[] for _ in range(views)]
-        tables = [b"".join(map(_stream, payloads)) for payloads in own]
-        parts = [b"".join((table, *payloads)) for table, payloads in zip(tables, own, strict=True)]
+        tables = [_streams(pictures) for pictures in own]
+        parts = [b"".join((table, *_data(pictures))) for table, pictures in zip(tables, own, strict=True)]
         ends = b"".join(L.STREAM.pack(len(part), crc32(table)) for part, table in zip(parts, tables, strict=True))
     else:
-        parts = [payload for payloads in coded for payload in payloads]
-        ends = b"".join(map(_stream, parts))
+        every = [picture for pictures in coded for picture in pictures]
+        parts, ends = _data(every), _streams(every)
     return [NewSection(L.PICTURES, 0, fixed + ends), NewSection(L.DATA, 0, b"".join(parts))]
 
 
-def _stream(payload: bytes) -> bytes:
-    return L.STREAM.pack(len(payload), crc32(payload))
+def _data(pictures: Sequence[Picture]) -> list[bytes | memoryview]:
+    return [picture.data or b"" for picture in pictures]
+
+
+def _streams(pictures: Sequence[Picture]) -> bytes:
+    return b"".join(L.STREAM.pack(picture.length, picture.crc) for picture in pictures)

@@ -13,7 +13,7 @@ from . import layout as L
 from .cameras import camera_sections
 from .notes import note_sections
 from .sections import NewSection
-from .table import CodedRow, picture_sections
+from .table import Row, picture_sections
 
 
 def write_container(
@@ -22,7 +22,7 @@ def write_container(
     profile: str,
     qp: float,
     metadata: Sequence[NewSection],
-    rows: Sequence[CodedRow],
+    rows: Sequence[Row],
     layers: int = 0,
     *,
     views: int | None = None,

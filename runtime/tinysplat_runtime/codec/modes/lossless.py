@@ -7,10 +7,11 @@ from hashlib import sha256
 
 import numpy as np
 
-from ...container.exact import CodedExact, Exact, ExactLayer, exact_rows, exact_section
+from ...container.exact import Exact, ExactLayer, exact_rows, exact_section
 from ...container.layers import LayerMaps
+from ...container.records import Picture
 from ...container.sections import NewSection
-from ...container.table import CodedRow
+from ...container.table import Row
 from ...container.writer import write_container
 from ...errors import FormatError
 from ...gaussian.gaussians import FIELDS, Gaussians
@@ -31,14 +32,15 @@ def encode(job: Job) -> bytes:
     """
     gaussians = job.gaussians
     gaussians.check_pixels()
-    cameras, sections, rows = gaussians.cameras, list[NewSection](), list[CodedRow]()
+    cameras, sections, rows = gaussians.cameras, list[NewSection](), list[Row]()
     crew = Crew(job.threads)
     with job.stats.watch.stage("zlib"):
         for index, layer in enumerate(gaussians.layers):
             planes, limits = exact_planes(job.store, layer, job.drop_invalid, f"layer {index}")
             packed = crew.map(pack, planes.swapaxes(0, 1).reshape(-1, *planes.shape[2:]))
-            payloads = tuple(tuple(packed[at : at + len(cameras)]) for at in range(0, len(packed), len(cameras)))
-            coded = CodedExact(layer.cameras, layer.degree, limits, sha256(planes.tobytes()).digest(), payloads)
+            per_plane = (packed[at : at + len(cameras)] for at in range(0, len(packed), len(cameras)))
+            pictures, digest = tuple(map(Picture.each_of, per_plane)), sha256(planes.tobytes()).digest()
+            coded = ExactLayer(layer.cameras, layer.degree, limits, digest, pictures)
             sections.append(exact_section(coded, index, cameras))
             rows += exact_rows(coded, index)
         origin, notes, count = gaussians.origin, gaussians.notes, len(gaussians.layers)

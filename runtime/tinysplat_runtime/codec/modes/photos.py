@@ -35,11 +35,9 @@ def decode(file: OpenFile, body: Photos) -> Gaussians:
         ModelError: the network is not at hand.
     """
     container, watch = file.container, file.watch
-    photos, network = body.photos, body.network
+    network = body.network
     with watch.stage("libavcodec"):
-        payloads = [photos.payload(view) for view in range(len(photos.pictures))]
-        sets, size = container.parameter_sets[photos.parameter_set], (photos.height, photos.width)
-        images = decode_photos(payloads, size, sets, file.threads)
+        images = decode_photos(body.photos, file.threads)
     with watch.stage("network"):
         graph = file.store.network_by_hash(network.name, network.sha256, file.model)
         return predict_grouped(images, container.cameras, network.near, network.far, graph, body.groups)
