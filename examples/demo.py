@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
-from tinysplat.measure.subjects.cases import PhotoSource
-from tinysplat.measure.subjects.room import Motorcycle, Room
+from tinysplat.measure.subjects.room import FAR_M, NEAR_M, write_motorcycle, write_room
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
@@ -28,7 +27,6 @@ from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
-NEAR_M, FAR_M = 2.0, 5.1
 INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [248, 140, 60], [252, 250, 190]]) / 255
 
 WALK_PHOTOS, WALK_SIDE, WALK_FRAMES = 20, 192, 60
@@ -36,12 +34,6 @@ WALK_PHOTOS, WALK_SIDE, WALK_FRAMES = 20, 192, 60
 
 ZOOM = 3
 """How much larger than the photos the scene is drawn to look at it from close by."""
-
-
-def write_scene(source: PhotoSource, folder: Path, size: tuple[int, int]) -> None:
-    """Write photos of (height, width) as a scene folder: PNGs and cameras.json."""
-    folder.mkdir(parents=True, exist_ok=True)
-    source.shots(source.windows()[0][0], size).write(folder)
 
 
 def psnr(a: NDArray, b: NDArray) -> float:
@@ -105,7 +97,7 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
 def walk(out: Path, runtime: ts.Runtime) -> str:
     """A walk through a made-up room: photos along it to one file, photos left out drawn from it; what came of it."""
     folder = out / "room"
-    write_scene(Room(WALK_PHOTOS), folder, (WALK_SIDE, WALK_SIDE))
+    write_room(folder, WALK_PHOTOS, WALK_SIDE, WALK_SIDE)
     scene, left_out = ts.load_scene(folder), range(2, WALK_PHOTOS, 4)
     given = scene.views(i for i in range(WALK_PHOTOS) if i not in left_out)
 
@@ -137,12 +129,12 @@ def main() -> int:
     out: Path = args.out
     folder = out / "motorcycle"
     try:
-        write_scene(Motorcycle(), folder, (500, 741))
+        write_motorcycle(folder, 500, 741)
     except ts.InputError as error:
         print(error, file=sys.stderr)
         return 2
     if args.photos:
-        write_scene(Room(WALK_PHOTOS), out / "room", (WALK_SIDE, WALK_SIDE))
+        write_room(out / "room", WALK_PHOTOS, WALK_SIDE, WALK_SIDE)
         print(f"{folder}: 2 photos and their cameras\n{out / 'room'}: {WALK_PHOTOS} photos and their cameras")
         return 0
     full, runtime = ts.load_scene(folder), ts.Runtime()

@@ -27,7 +27,7 @@ from ..rows import Row, grouped, of_study
 from ..show.tables import Listing, digits, duration, format_table, kilobytes, mean, megabytes, said
 from ..study import Run, Study
 from ..subjects.made import cloud, cloud_camera, statues
-from ..subjects.room import Motorcycle, Room
+from ..subjects.room import write_motorcycle, write_room
 
 Size = tuple[int, int]
 Work = Callable[[], object]
@@ -75,12 +75,11 @@ def growth_rows(run: Run) -> Iterator[Row]:
 
 def photo_rows(run: Run, sizes: Sequence[Size]) -> Iterator[Row]:
     """Rows `growth photos, TASK`: the motorcycle pair of every size to a file, and the file to a picture."""
-    motorcycle = Motorcycle()
     with tempfile.TemporaryDirectory() as folder:
         for height, width in sizes:
             way, setting = f"2x{width}x{height}", {"x": height * width, "threads": run.threads}
             try:
-                motorcycle.shots(motorcycle.windows()[0][0], (height, width)).write(Path(folder))
+                write_motorcycle(Path(folder), height, width)
             except TinySplatError as error:  # scikit-image is not installed
                 yield Row("growth photos", "pixels of a photo", way, note=str(error))
                 return
@@ -149,8 +148,7 @@ def draw_cloud(count: str, height: str, width: str, threads: str) -> Work:
 
 def encode_capture(folder: str, count: str, height: str, width: str, model: str, threads: str) -> Work:
     """A task: so many photos to a file."""
-    room = Room(CAPTURE_PHOTOS)
-    room.shots(room.windows()[0][0], (int(height), int(width))).write(Path(folder))
+    write_room(Path(folder), CAPTURE_PHOTOS, int(height), int(width))
     scene, frames = load_scene(folder), []
     for number in range(int(count)):
         place, frame = number // CAPTURE_PHOTOS, scene.frames[number % CAPTURE_PHOTOS]

@@ -1,8 +1,8 @@
 """What does each format of Gaussian files cost, in bytes and dB?
 
-One made scene (two views of the room, SH degree 3) goes out in every format that is written, each as it is by default,
-is read again and drawn from its own views: what `convert --check` says of a user's file. Gaussian files that are given
-go out in those that README shows.
+What the default network makes of two photos of the room goes out in every format that is written, each as it is by
+default, is read again and drawn from its own views: what `convert --check` says of a user's file. Gaussian files that
+are given go out in those that README shows.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.formats.check import file_loss
 from tinysplat_runtime.formats.table import FORMATS, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from ..rows import Row
 from ..show.tables import Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
-from ..subjects.made import made_gaussians
+from ..subjects.room import write_room
 
-VIEWS, DEGREE = 2, 3
+VIEWS = 2
 OURS = f"`{SUFFIX}`, {DEFAULT_PROFILE}"
 
 
@@ -34,9 +35,10 @@ def interchange_rows(run: Run) -> Iterator[Row]:
         for path in run.paths:
             yield from _rows(path.stem, load_gaussians(path), _IN_SHORT, run)
         return
-    side = run.side // 2
-    made = made_gaussians(VIEWS, side, side, DEGREE)
-    yield from _rows(f"room, {VIEWS}×{side}², SH degree {DEGREE}", made, [form.name for form in FORMATS], run)
+    with tempfile.TemporaryDirectory() as folder:
+        write_room(Path(folder), VIEWS, run.side, run.side)
+        made = run.runtime.predict(load_scene(folder), run.models[0])
+    yield from _rows(f"room, {VIEWS}×{run.side}²", made, [form.name for form in FORMATS], run)
 
 
 def _rows(subject: str, gaussians: Gaussians, names: Collection[str], run: Run) -> Iterator[Row]:

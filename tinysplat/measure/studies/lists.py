@@ -1,6 +1,6 @@
 """What do lists cost, in `.tsplat` and in other formats, at equal dB?
 
-A trained scene's file, or the made room as a list, goes into mode list over Q_g: as it is by default, without what
+A trained scene's file, or a made statue, goes into mode list over Q_g: as it is by default, without what
 pictures hardly need, and whole. It goes into other formats as `convert` writes them. A point is a file's bytes and the
 mean dB of pictures from all sides, at which removal did not look, against those of the Gaussians as they were read. A
 folder with photos behind a file is the scene that it was trained on: then pictures are taken from every eighth photo,
@@ -37,7 +37,7 @@ from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.cases import Case
-from ..subjects.made import made_gaussians
+from ..subjects.made import statues
 
 STUDY = "list"
 
@@ -46,7 +46,8 @@ QPS, QUICK_QPS = (0.0, -12.0, -6.0, 6.0), (-6.0, 0.0, 6.0)
 UNSEEN = slice(4, None, 8)
 """Photos that a scene was not trained on."""
 
-_ROOM_VIEWS, _DEGREE = 2, 3
+MADE, QUICK_MADE = 25_000, 2_500
+"""Gaussians where no file is given."""
 
 OURS, WHOLE = f"`{SUFFIX}`", f"`{SUFFIX}`, all kept"
 
@@ -94,9 +95,8 @@ def _point(way: str, setting: float, pictures: PictureJudge, data: bytes, decode
 def _cases(run: Run) -> Iterator[Case]:
     views = QUICK_VIEWS if run.quick else VIEWS
     if not run.paths:
-        side = run.side // 2
-        room = made_gaussians(_ROOM_VIEWS, side, side, _DEGREE)
-        yield Case.without_photos(f"room, {_ROOM_VIEWS}×{side}², SH degree {_DEGREE}", room.flat(), room.cameras)
+        statue = statues(QUICK_MADE if run.quick else MADE)
+        yield Case.without_photos(f"a statue, {statue.count:,} of SH degree 3", statue, ring(statue, views))
     for path, behind in zip_longest(run.paths, run.paths[1:]):
         if path.is_dir():
             continue

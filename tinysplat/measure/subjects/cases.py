@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -16,8 +14,6 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.masked import hidden
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
-from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
@@ -36,7 +32,7 @@ class Window:
     """Frames of one scene: those that a network gets, and those that its Gaussians are held against.
 
     Attributes:
-        kind: `near`, `wide`, `multi`, a data set's name, FILE or a made scene's.
+        kind: `near`, `wide`, `multi`, a data set's name or FILE.
         context, targets: frames.
     """
 
@@ -73,12 +69,10 @@ class PhotoViews:
     Attributes:
         images: (V, H, W, 3) float32 in [0, 1]; of what is drawn, NaN where a mask leaves pixels out.
         cameras: one per view.
-        depths: (H, W) true z per view, of made scenes.
     """
 
     images: NDArray
     cameras: tuple[Camera, ...]
-    depths: tuple[NDArray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +84,6 @@ class Shots:
     near: float
     far: float
     scene: Scene | None = None
-
-    def write(self, folder: Path) -> None:
-        """The context as a scene folder that commands read."""
-        frames = []
-        for i, (image, camera) in enumerate(zip(self.context.images, self.context.cameras, strict=True)):
-            write_png(folder / f"{i}.png", image)
-            frames.append(camera_entry(f"{i}.png", camera))
-        told = {"near": self.near, "far": self.far, "frames": frames}
-        (folder / CAMERAS_FILE).write_text(json.dumps(told), "utf-8")
 
 
 class Source(Protocol):

@@ -1,127 +1,18 @@
-"""Gaussians that are made: photos and depth dressed as a network's output, so that the codec meets realistic
-statistics without a checkpoint, and clouds for the rasteriser.
+"""Gaussians that are made, as many as are asked for: clouds for the rasteriser, and statues for lists.
 
-All is made in float64 and rounded at the end: sines, exponentials and matrix products differ in their last bits with a
-processor's vector instructions, which the float32 that comes out does not show.
-
-Dressed are per-pixel Gaussians whose attributes follow the picture as MVSplat's planes do, up to SH degree 4. Shares of
-smooth field, picture and fine noise are set by eye, and by the sizes and dB that the paper's configuration reaches.
+All is made in float64 and rounded at the end: sines and exponentials differ in their last bits with a processor's
+vector instructions, which the float32 that comes out does not show.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, multiply_quats
-from tinysplat_runtime.gaussian.sh import C0, sh_basis
 from tinysplat_runtime.scene.cameras import Camera
-
-from .room import Room
-
-
-def network_like(images: NDArray, depths: NDArray, cameras: Sequence[Camera], degree: int) -> Gaussians:
-    """Per-pixel Gaussians with the look of a feedforward network's output.
-
-    Every attribute is a smooth field plus a function of the picture plus a little fine noise; SH bands fall by 4 from
-    one to the next and follow eight latent fields. What is seen from a Gaussian's own camera is the photo.
-
-    Args:
-        images: (V, H, W, 3) float in [0, 1].
-        depths: (V, H, W) float z, > 0.
-        cameras: one per view.
-        degree: SH degree, 0 to 4.
-    """
-    views = [
-        _dress(image, depth, camera, degree, np.random.default_rng([0, view]))
-        for view, (image, depth, camera) in enumerate(zip(images, depths, cameras, strict=True))
-    ]
-    arrays = {name: np.stack([view[name] for view in views]) for name in views[0]}
-    return Gaussians(cameras=tuple(cameras), **arrays)  # type: ignore[arg-type]
-
-
-def _dress(image: NDArray, depth: NDArray, camera: Camera, degree: int, rng: np.random.Generator) -> dict[str, NDArray]:
-    """One view of `network_like`."""
-    fields = _Fields(image, depth, rng)
-    height, width = depth.shape
-    waver = 0.003 * fields.smooth(16) + 0.001 * fields.smooth(3) + 0.0004 * fields.smooth(0.7)
-    z = depth.astype(np.float64) * (1 + waver)
-    v, u = np.mgrid[:height, :width] + 0.5
-    pixels = np.stack([u + 0.2 * fields.draw(), v + 0.2 * fields.draw(), np.ones_like(u)], axis=-1)
-    means = ((pixels @ np.linalg.inv(camera.K).T) * z[..., None]) @ camera.rotation + camera.centre
-    size = 0.4 * fields.draw()
-    axes = np.stack([-0.9 + 0.3 * k + size + 0.2 * fields.draw() for k in range(3)], axis=-1)
-    quats = np.stack([mean + 0.25 * fields.draw() for mean in (1.0, 0.3, -0.2, 0.4)], axis=-1)
-    opacities = 1 / (1 + np.exp(-(1.3 + 0.9 * fields.draw(fine=0.3))))
-    directions = (means - camera.centre) / np.linalg.norm(means - camera.centre, axis=-1, keepdims=True)
-    return {
-        "means": means.astype(np.float32),
-        "quats": multiply_quats(matrices_to_quats(camera.rotation.T), quats).astype(np.float32),
-        "scales": (np.exp(axes) * z[..., None] / camera.focal).astype(np.float32),
-        "opacities": opacities.astype(np.float32),
-        "sh": _coefficients(image, directions, degree, fields),
-    }
-
-
-def _coefficients(image: NDArray, directions: NDArray, degree: int, fields: _Fields) -> NDArray:
-    """(H, W, B, 3) SH coefficients that show `image` along `directions`."""
-    functions = (degree + 1) ** 2
-    weights = np.random.default_rng(11).standard_normal((2, 8, functions, 3))  # alike in all views, as a network's are
-    band = np.floor(np.sqrt(np.arange(functions)))
-    latent = np.stack([fields.draw(fine=0.05) for _ in range(8)], axis=-1)
-    sh = (latent @ weights[0].reshape(8, -1)).reshape(*latent.shape[:2], functions, 3) / np.sqrt(8)
-    sh = (sh + 0.5 * weights[1, 0]) * (0.2 * 0.25**band)[:, None]
-    sh[..., 0, :] = 0
-    basis = sh_basis(directions, degree)
-    sharpened = image + 0.9 * (image - blur(image, 1.0))  # splatting blurs the picture by about a pixel
-    sh[..., 0, :] = (sharpened - 0.5 - np.einsum("hwb,hwbc->hwc", basis, sh)) / C0
-    return sh.astype(np.float32)
-
-
-class _Fields:
-    """Random fields (H, W) of unit variance that resemble a network's planes of one picture."""
-
-    def __init__(self, image: NDArray, depth: NDArray, rng: np.random.Generator) -> None:
-        image, depth = np.asarray(image, np.float64), np.asarray(depth, np.float64)
-        grey = image @ np.array([0.3, 0.59, 0.11])
-        maps = [grey, blur(grey, 2), blur(grey, 5), *np.gradient(blur(grey, 1)), image[..., 0] - grey, 1 / depth]
-        self._features = np.stack([np.tanh(_standard(m)) for m in maps], axis=-1)
-        self._rng = rng
-        self._mixing = np.random.default_rng(5)  # alike in all views
-
-    def smooth(self, sigma: float) -> NDArray:
-        """Noise without features smaller than `sigma` pixels."""
-        return _standard(blur(self._rng.standard_normal(self._features.shape[:2]), sigma))
-
-    def draw(self, fine: float = 0.1) -> NDArray:
-        """The next field: half smooth, half of the picture, and `fine` parts of fine noise."""
-        weights = self._mixing.standard_normal(self._features.shape[-1])
-        picture = _standard(blur(np.tanh(self._features @ weights), 1.5))
-        return 0.55 * self.smooth(18) + 0.65 * picture + fine * self.smooth(0.7)
-
-
-def _standard(values: NDArray) -> NDArray:
-    return (values - values.mean()) / max(float(values.std()), 1e-12)
-
-
-def blur(image: NDArray, sigma: float) -> NDArray:
-    """Gaussian blur of (H, W) or (H, W, C) with mirrored borders, float64."""
-    from scipy.ndimage import gaussian_filter
-
-    return gaussian_filter(np.asarray(image, np.float64), sigma, mode="mirror", axes=(0, 1))
-
-
-@lru_cache(maxsize=4)
-def made_gaussians(views: int, height: int, width: int, degree: int) -> Gaussians:
-    """Network-like Gaussians of the room; the same arguments give the same Gaussians."""
-    room = Room(views)
-    photos = room.shots(room.windows()[0][0], (height, width)).context
-    return network_like(photos.images, np.stack(photos.depths), photos.cameras, degree)
 
 
 def cloud(count: int) -> Gaussians:

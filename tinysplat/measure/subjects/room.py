@@ -1,26 +1,31 @@
-"""Scenes that need no data: a ray-traced room of any size and number of views with exact depths, and the stereo pair
-that comes with scikit-image, real photos.
+"""Scenes that need no data, as scene folders: a ray-traced room from any number of places, and the stereo pair that
+comes with scikit-image, real photos.
 
-Walls, boxes and balls with solid textures (sums of waves with hard edges drawn into them), so that photo-consistency
-has something to hold on to, depth has steps, and benchmarks need no data. Everything is a function of its arguments.
+The room has walls, boxes and balls with solid textures (sums of waves with hard edges drawn into them), so that
+photo-consistency has something to hold on to, and depth has steps. Everything is a function of its arguments.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
+from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.resampling import resize_cover
 
-from .cases import Case, LeftOut, PhotoSource, PhotoViews, Shots, Window
+# Calibration of scikit-image's motorcycle pair at 741×500, from the Middlebury 2014 data set, and its depths.
+FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.877
+NEAR_M, FAR_M = 2.0, 5.1
 
 NEAR, FAR = 1.8, 9.0
+"""Of the room."""
 
 SPACING = 0.2
 """Scene units between neighbouring cameras: 4 % of the middle depth."""
@@ -36,25 +41,43 @@ _LIGHT = np.array([0.45, -0.8, -0.4])
 _SUPERSAMPLE = 2
 
 
-def room_cameras(views: int, height: int, width: int) -> list[Camera]:
-    """Cameras on an arc, `SPACING` apart, turned towards the room's middle."""
-    return [_camera(v - (views - 1) / 2, height, width) for v in range(views)]
+def write_room(folder: Path, views: int, height: int, width: int) -> None:
+    """Photos of the room from cameras on an arc, `SPACING` apart and turned towards its middle, as a scene folder."""
+    cameras = [_camera(v - (views - 1) / 2, height, width) for v in range(views)]
+    _write(folder, map(_photograph, cameras), cameras, NEAR, FAR)
 
 
-def between_cameras(views: int, height: int, width: int, count: int = 3) -> list[Camera]:
-    """Cameras on the same arc between the middle pair of `room_cameras`: at 1/4, 1/2, 3/4 of the way for three."""
-    first = (views // 2 - 1) - (views - 1) / 2 if views > 1 else -0.5
-    return [_camera(first + (i + 1) / (count + 1), height, width) for i in range(count)]
+def write_motorcycle(folder: Path, height: int, width: int) -> None:
+    """The stereo pair as a scene folder; InputError where scikit-image is not installed."""
+    try:
+        from skimage.data import stereo_motorcycle
+    except ImportError:
+        raise InputError(
+            "needs the package 'scikit-image'; pip install \"tinysplat[demo]\" brings it", where="motorcycle"
+        ) from None
+    photos, cameras = stereo_motorcycle()[:2], []
+    for photo, cx, x in zip(photos, CX_PX, (0.0, BASELINE_M), strict=True):
+        K, c2w = np.array([[FOCAL_PX, 0, cx], [0, FOCAL_PX, CY_PX], [0, 0, 1]]), np.eye(4)
+        c2w[0, 3] = x
+        cameras.append(Camera(K, c2w, photo.shape[1], photo.shape[0]).resized(height, width))
+    _write(folder, (resize_cover(photo, height, width) for photo in photos), cameras, NEAR_M, FAR_M)
 
 
-def photograph(camera: Camera) -> tuple[NDArray, NDArray]:
-    """A photo (H, W, 3) float32 in [0, 1], antialiased, and the z of its pixel centres (H, W) float32."""
+def _write(folder: Path, photos: Iterable[NDArray], cameras: Sequence[Camera], near: float, far: float) -> None:
+    """Photos (H, W, 3) in [0, 1] and cameras.json, as commands read them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    frames = []
+    for i, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
+        write_png(folder / f"{i}.png", photo)
+        frames.append(camera_entry(f"{i}.png", camera))
+    (folder / CAMERAS_FILE).write_text(json.dumps({"near": near, "far": far, "frames": frames}), "utf-8")
+
+
+def _photograph(camera: Camera) -> NDArray:
+    """A photo (H, W, 3) float32 in [0, 1], antialiased."""
     s, height, width = _SUPERSAMPLE, camera.height, camera.width
-    K = camera.K * np.array([[s], [s], [1]])
-    _, colour = _trace(camera, K, height * s, width * s)
-    depth, _ = _trace(camera, camera.K, height, width, with_colour=False)
-    photo = colour.reshape(height, s, width, s, 3).mean(axis=(1, 3))
-    return photo.astype(np.float32), depth.astype(np.float32)
+    colour = _trace(camera, camera.K * np.array([[s], [s], [1]]), height * s, width * s)
+    return colour.reshape(height, s, width, s, 3).mean(axis=(1, 3)).astype(np.float32)
 
 
 def _camera(position: float, height: int, width: int) -> Camera:
@@ -68,8 +91,8 @@ def _camera(position: float, height: int, width: int) -> Camera:
     return Camera(np.array(K), c2w, width, height)
 
 
-def _trace(camera: Camera, K: NDArray, height: int, width: int, with_colour: bool = True) -> tuple[NDArray, NDArray]:
-    """z (H, W) and colours (H, W, 3) along the rays through pixel centres; rays have z = 1 in the camera frame."""
+def _trace(camera: Camera, K: NDArray, height: int, width: int) -> NDArray:
+    """Colours (H, W, 3) along the rays through pixel centres, which have z = 1 in the camera frame."""
     y, x = np.mgrid[:height, :width] + 0.5
     pixels = np.stack([x, y, np.ones_like(x)]).reshape(3, -1)
     rays = (camera.c2w[:3, :3] @ np.linalg.inv(K) @ pixels).reshape(3, height, width)
@@ -85,10 +108,8 @@ def _trace(camera: Camera, K: NDArray, height: int, width: int, with_colour: boo
         depths, lights = map(np.stack, zip(*hits, strict=True))
         thing = np.where(np.isfinite(depths) & (depths > 1e-3), depths, np.inf).argmin(axis=0)[None]
     depth, light = (np.take_along_axis(values, thing, 0)[0] for values in (depths, lights))
-    if not with_colour:
-        return depth, np.zeros(0)
     points = np.moveaxis(eye[:, None, None] + rays * depth, 0, -1)
-    return depth, _texture(points, thing[0]) * light[..., None]
+    return _texture(points, thing[0]) * light[..., None]
 
 
 def _slabs(eye: NDArray, rays: NDArray, low: tuple, high: tuple) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -128,78 +149,3 @@ def _texture(points: NDArray, thing: NDArray) -> NDArray:
 
 def _unit(vectors: NDArray) -> NDArray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-# ---- as sources -------------------------------------------------------------------------------------------------
-
-
-class _OneWindow(PhotoSource):
-    """What scenes of one window have in common."""
-
-    def windows(self) -> tuple[list[Window], list[LeftOut]]:
-        """See `Source`."""
-        return [Window(self.name, (0,), (1,))], []
-
-    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
-        """See `Source`."""
-        return replace(super().case(window, model, size, runtime), name=self.name)
-
-    def fingerprint(self, window: Window) -> str:
-        """Nothing but code: see `code_fingerprint`."""
-        return self.name
-
-
-@dataclass(frozen=True)
-class Room(_OneWindow):
-    """The room as a scene of so many input views, and three targets between the middle pair."""
-
-    views: int = 2
-    name = "room"
-
-    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
-        """See `Source`."""
-        return _room_shots(self.views, *size)
-
-
-@lru_cache(maxsize=16)
-def _room_shots(views: int, height: int, width: int) -> Shots:
-    sets = []
-    for cameras in (room_cameras(views, height, width), between_cameras(views, height, width)):
-        photos, depths = zip(*map(photograph, cameras), strict=True)
-        sets.append(PhotoViews(np.stack(photos), tuple(cameras), depths))
-    return Shots(sets[0], sets[1], NEAR, FAR)
-
-
-# Calibration of scikit-image's motorcycle pair at 741×500, from the Middlebury 2014 data set.
-FOCAL_PX, BASELINE_M, CX_PX, CY_PX = 994.978, 0.193001, (311.193, 342.279), 254.877
-
-
-@dataclass(frozen=True)
-class Motorcycle(_OneWindow):
-    """The stereo pair, without targets."""
-
-    name = "motorcycle"
-
-    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
-        """See `Source`; InputError where scikit-image is not installed."""
-        photos = _motorcycle()
-        K = [np.array([[FOCAL_PX, 0, cx], [0, FOCAL_PX, CY_PX], [0, 0, 1]]) for cx in CX_PX]
-        poses = [np.eye(4), np.eye(4)]
-        poses[1][0, 3] = BASELINE_M
-        full = [Camera(k, c2w, photos.shape[2], photos.shape[1]) for k, c2w in zip(K, poses, strict=True)]
-        images = np.stack([resize_cover(photo, *size) for photo in photos])
-        cameras = tuple(camera.resized(*size) for camera in full)
-        return Shots(PhotoViews(images, cameras), PhotoViews(np.zeros((0, *size, 3), np.float32), ()), 2.0, 5.1)
-
-
-@lru_cache(maxsize=1)
-def _motorcycle() -> NDArray:
-    """Photos (2, H, W, 3) uint8."""
-    try:
-        from skimage.data import stereo_motorcycle
-    except ImportError:
-        raise InputError(
-            "needs the package 'scikit-image'; pip install \"tinysplat[demo]\" brings it", where="motorcycle"
-        ) from None
-    left, right, _ = stereo_motorcycle()
-    return np.stack([left, right])
