@@ -19,10 +19,11 @@ from scenes import refusing, write_scene
 
 import tinysplat_runtime as ts
 from tinysplat.batch.bounds import bounded
-from tinysplat.batch.engines import Outcome, run_processes, run_ray
+from tinysplat.batch.cluster import run_ray
 from tinysplat.batch.jobs import CODE, OPTIONS, BatchJob, encode, read_manifest
 from tinysplat.batch.run import run_batch
 from tinysplat.batch.storage import local_folder, read
+from tinysplat.workers import Outcome, run_processes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import AutoViews, Refinement

@@ -23,9 +23,9 @@ from measure.tiny_runs import shows
 from scenes import make_smooth_gaussians, refusing, tells
 
 from tinysplat.measure.metrics import psnr
-from tinysplat.measure.quality import ProfileQp, Quality, document, groups_of, mean_of_rows, mean_of_scenes, record
+from tinysplat.measure.quality import ProfileQp, Quality, groups_of, mean_of_rows, mean_of_scenes, record
 from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
-from tinysplat.measure.runner import RunOutcome, RunPlan, list_jobs, run_jobs
+from tinysplat.measure.runner import RunOutcome, RunPlan, document, list_jobs, run_jobs
 from tinysplat.measure.show.quality import TABLES
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FolderSource, find_sources

@@ -1,4 +1,4 @@
-"""Many scenes to many files: jobs and their results (`jobs`), where they run (`engines`), and the run itself (`run`).
+"""Many scenes to many files: jobs and their results (`jobs`), the run itself (`run`), and where it may run (`cluster`).
 
-Nothing here schedules: processes come from `concurrent.futures`, clusters from Ray (extra `cluster`).
+Nothing here schedules: processes come from `concurrent.futures` (`tinysplat.workers`), clusters from Ray.
 """

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.jsonfields import JsonObject
 
-from .engines import Outcome
+from ..workers import Outcome
 from .jobs import BatchJob, is_done
 from .storage import join, read, write
 

@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 
 from tinysplat.batch.bounds import bounded
-from tinysplat.batch.engines import Work, run_processes, run_ray
+from tinysplat.batch.cluster import run_ray
 from tinysplat.batch.jobs import CODE, Keep, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
+from tinysplat.workers import Work, run_processes
 from tinysplat_runtime.cli.arguments import byte_count, count, positive
 from tinysplat_runtime.cli.given import asked
 from tinysplat_runtime.cli.options import add_options, add_threads

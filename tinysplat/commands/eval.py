@@ -12,9 +12,9 @@ from pathlib import Path
 from tinysplat.datasets import SPECS
 from tinysplat.measure.lpips import find_lpips
 from tinysplat.measure.machine import run_row
-from tinysplat.measure.quality import ProfileQp, Quality, document
+from tinysplat.measure.quality import ProfileQp, Quality
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile
-from tinysplat.measure.runner import RunOutcome, RunPlan, run_jobs
+from tinysplat.measure.runner import RunOutcome, RunPlan, document, run_jobs
 from tinysplat.measure.show.quality import results_text
 from tinysplat.measure.show.tables import within
 from tinysplat.measure.subjects.cases import Source

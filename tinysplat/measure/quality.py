@@ -27,12 +27,10 @@ from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
-from .machine import describe_machine
 from .metrics import METRICS, psnr
 from .pictures import PictureJudge, PictureMetric, photo_psnr
 from .rows import Row, grouped
-from .runner import RunOutcome, WindowJob
-from .subjects.cases import Case, covered_pixels, nearest_views
+from .subjects.cases import Case, WindowJob, covered_pixels, nearest_views
 
 STUDY = "quality"
 
@@ -73,7 +71,7 @@ class Quality:
     refine: Refinement | None = None
 
     def wanted(self, job: WindowJob) -> list[Row]:
-        """See `runner.Work`."""
+        """A window's rows with neither figures nor costs: what is to be measured."""
         options = [str(self.lpips or ""), str(self.refine)]
         stamp = job.stamp(*options)
         chosen = {"refine": str(self.refine)} if self.refine else {}
@@ -93,7 +91,7 @@ class Quality:
         ]
 
     def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
-        """See `runner.Work`."""
+        """Some of them, measured."""
         lpips = load_lpips(self.lpips, runtime.threads) if self.lpips else None
         prepared = Prepared.of(job, runtime, self, lpips)
         for row in wanted:
@@ -208,28 +206,6 @@ def record(row: Row) -> JsonObject:
     """A row as `eval --json` has it under `scenes`: one flat object, seconds under their own name."""
     setting = {name: value for name, value in row.setting.items() if name != "size"}
     return {**setting, **row.figures, "seconds": dict(row.costs)}
-
-
-def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> JsonObject:
-    """The object that `eval --json` writes.
-
-    `scenes` has one entry per window and coding, `mean` the means over all of them, and `groups` the means of those
-    that compare: of one kind, number of views, model, profile, Q_g and size.
-    """
-    groups = [
-        {**identity, "windows": len(rows), "mean": mean_of_rows(rows), "mean_of_scenes": mean_of_scenes(rows)}
-        for identity, rows in groups_of(outcome.rows)
-    ]
-    return {
-        "scenes": [record(row) for row in outcome.rows],
-        "mean": mean_of_rows(outcome.rows),
-        "groups": groups,
-        "left_out": [asdict(entry) for entry in outcome.left_out],
-        "lpips": lpips,
-        "threads": threads,
-        "processes": processes,
-        "environment": describe_machine(),
-    }
 
 
 def groups_of(rows: Iterable[Row]) -> list[tuple[JsonObject, list[Row]]]:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
 
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.progress import progress
 
-from ..children import settle_worker, starting_workers
-from .rows import Row, RowFile, code_fingerprint, digest, model_fingerprint
-from .subjects.cases import FILE, Case, LeftOut, Source, Window
+from ..workers import run_here, run_processes
+from .machine import describe_machine
+from .quality import Quality, groups_of, mean_of_rows, mean_of_scenes, record
+from .rows import Row, RowFile
+from .subjects.cases import FILE, LeftOut, Source, WindowJob
 
 
 @dataclass(frozen=True)
@@ -37,42 +37,6 @@ class RunPlan:
     kinds: Sequence[str] = ()
     views: Sequence[int] = ()
     limit: int | None = None
-
-
-@dataclass(frozen=True)
-class WindowJob:
-    """A window and a model."""
-
-    source: Source
-    window: Window
-    model: str
-    size: tuple[int, int]
-
-    def __str__(self) -> str:
-        return f"{self.source.name} {self.window}, {self.model}"
-
-    def case(self, runtime: Runtime) -> Case:
-        """The window brought to Gaussians; TinySplatError names what is at fault."""
-        return self.source.case(self.window, self.model, self.size, runtime)
-
-    def stamp(self, *options: object) -> str:
-        """Changes when anything that the window's figures depend on does: photos, network, code, libraries, options."""
-        model = model_fingerprint(self.model) if self.source.needs_network else ""
-        try:
-            source = self.source.fingerprint(self.window)
-        except (TinySplatError, OSError):
-            source = ""  # the fault of the window, which will say so when it is measured
-        return digest(source, model, self.size, code_fingerprint(), *options)
-
-
-class Work(Protocol):
-    """What is done with a window. Picklable where more than one process does it."""
-
-    def wanted(self, job: WindowJob) -> list[Row]:
-        """Its rows with neither figures nor costs: what is to be measured."""
-
-    def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
-        """Some of them, measured."""
 
 
 @dataclass(frozen=True)
@@ -115,100 +79,73 @@ def list_jobs(plan: RunPlan) -> tuple[list[WindowJob], list[LeftOut], list[str]]
 
 
 def run_jobs(
-    plan: RunPlan,
-    work: Work,
-    store: RowFile,
-    *,
-    threads: int = 1,
-    processes: int = 1,
-    quiet: bool = True,
-    runtime: Runtime | None = None,
+    plan: RunPlan, quality: Quality, store: RowFile, *, threads: int = 1, processes: int = 1, quiet: bool = True
 ) -> RunOutcome:
-    """Measure what a plan asks for, keeping what is already there; rows are stored as they come.
+    """Measure what a plan asks for, keeping what is already there; a window's rows are stored as it ends.
 
     Args:
-        plan, work, store: which windows, what is done with each, and where rows stand.
+        plan, quality, store: which windows, what is done with each, and where rows stand.
         threads, processes: threads of each process, and how many windows are measured at a time.
         quiet: show no progress bar.
-        runtime: whose opened graphs to use where one process measures; None for an own one.
 
     Raises:
         ModelError: there is no such network, or it breaks its contract.
-        TinySplatError: a process was killed.
     """
     jobs, left_out, notes = list_jobs(plan)
-    runtime = runtime or Runtime(threads=threads)
     if any(job.source.needs_network for job in jobs):
         for model in plan.models:
-            runtime.store.network(model)  # a wrong model is one error, not one per window
-    wanted = {job: work.wanted(job) for job in jobs}
+            _runtime(threads).store.network(model)  # a wrong model is one error, not one per window
+    wanted = {job: quality.wanted(job) for job in jobs}
     known = {row.key for rows in wanted.values() for row in rows if store.find(row)}
-    pending = {job: [row for row in rows if row.key not in known] for job, rows in wanted.items()}
-    pending = {job: rows for job, rows in pending.items() if rows}
+    missing = ((job, [row for row in rows if row.key not in known]) for job, rows in wanted.items())
+    pending = [(job, rows) for job, rows in missing if rows]
+    measure = partial(_measured, quality, threads)
+    is_alone = processes == 1 or len(pending) == 1
+    outcomes = run_here(pending, measure) if is_alone else run_processes(pending, measure, processes, attempts=1)
     failed: dict[WindowJob, LeftOut] = {}
-    results = (
-        _in_processes(work, store, pending, threads, processes)
-        if processes > 1 and len(pending) > 1
-        else ((job, _measured(work, job, rows, runtime, store.add)) for job, rows in pending.items())
-    )
-    for job, fault in progress(results, len(pending), "windows", quiet=quiet):
-        if fault is not None:
-            failed[job] = fault
+    for outcome in progress(outcomes, len(pending), "windows", quiet=quiet):
+        for row in outcome.record or ():
+            store.add(row)
+        if outcome.error is not None:
+            failed[outcome.job[0]] = LeftOut(str(outcome.job[0]), outcome.error)
     left_out += [failed[job] for job in jobs if job in failed]
     rows = [row for job in jobs for row in map(store.find, wanted[job]) if row is not None]
     return RunOutcome(rows, left_out, notes, len(known))
 
 
-def _measured(
-    work: Work, job: WindowJob, wanted: Sequence[Row], runtime: Runtime, keep: Callable[[Row], object]
-) -> LeftOut | None:
-    """Measure and keep one window's rows; what went wrong, or None."""
+@lru_cache(maxsize=1)
+def _runtime(threads: int) -> Runtime:
+    """This process's, which keeps graphs from window to window."""
+    return Runtime(threads=threads)
+
+
+def _measured(quality: Quality, threads: int, pending: tuple[WindowJob, Sequence[Row]]) -> list[Row]:
+    """A window's rows; InputError says what is wrong with it."""
     try:
-        for row in work.measure(job, wanted, runtime):
-            keep(row)
-    except (TinySplatError, OSError) as error:
-        return LeftOut(str(job), str(error))
+        return list(quality.measure(*pending, _runtime(threads)))
+    except OSError as error:
+        raise InputError(str(error)) from None
     except MemoryError:
-        return LeftOut(str(job), "not enough memory; a smaller --size or fewer --jobs need less")
-    return None
+        raise InputError("not enough memory; a smaller --size or fewer --jobs need less") from None
 
 
-def _in_processes(
-    work: Work, store: RowFile, pending: dict[WindowJob, list[Row]], threads: int, processes: int
-) -> Iterator[tuple[WindowJob, LeftOut | None]]:
-    context = multiprocessing.get_context("spawn")
-    count = min(processes, len(pending))
-    with ProcessPoolExecutor(count, context, initializer=_start_worker, initargs=(work, threads)) as pool:
-        with starting_workers():
-            futures = {pool.submit(_in_worker, job, rows): job for job, rows in pending.items()}
-        try:
-            for future in as_completed(futures):
-                rows, fault = future.result()
-                for row in rows:
-                    store.add(row)
-                yield futures[future], fault
-        except BrokenProcessPool:
-            raise TinySplatError(
-                "a process was killed, perhaps for want of memory; the same command goes on where it stopped,"
-                " with fewer --jobs in less memory",
-                where="eval",
-            ) from None
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> JsonObject:
+    """The object that `eval --json` writes.
 
-
-_worker: tuple[Work, Runtime] | None = None
-
-
-def _start_worker(work: Work, threads: int) -> None:
-    """Set up a process of the pool: it dies with its parent, and at once when interrupted."""
-    global _worker
-    settle_worker()
-    _worker = work, Runtime(threads=threads)
-
-
-def _in_worker(job: WindowJob, wanted: Sequence[Row]) -> tuple[list[Row], LeftOut | None]:
-    assert _worker is not None
-    rows: list[Row] = []
-    fault = _measured(_worker[0], job, wanted, _worker[1], rows.append)
-    return rows, fault
+    `scenes` has one entry per window and coding, `mean` the means over all of them, and `groups` the means of those
+    that compare: of one kind, number of views, model, profile, Q_g and size.
+    """
+    groups = [
+        {**identity, "windows": len(rows), "mean": mean_of_rows(rows), "mean_of_scenes": mean_of_scenes(rows)}
+        for identity, rows in groups_of(outcome.rows)
+    ]
+    return {
+        "scenes": [record(row) for row in outcome.rows],
+        "mean": mean_of_rows(outcome.rows),
+        "groups": groups,
+        "left_out": [asdict(entry) for entry in outcome.left_out],
+        "lpips": lpips,
+        "threads": threads,
+        "processes": processes,
+        "environment": describe_machine(),
+    }

@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.api import Runtime
+from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.masked import hidden
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.stopwatch import Stopwatch
+
+from ..rows import code_fingerprint, digest, model_fingerprint
 
 DEPTHS = 16
 """Places along a pixel's ray, uniform in inverse depth from far to near."""
@@ -118,6 +121,32 @@ class PhotoSource(Source, Protocol):
     def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
         """See `Source`."""
         return predicted(f"{self.name} {window}", model, self.shots(window, size), runtime)
+
+
+@dataclass(frozen=True)
+class WindowJob:
+    """A window and a model."""
+
+    source: Source
+    window: Window
+    model: str
+    size: tuple[int, int]
+
+    def __str__(self) -> str:
+        return f"{self.source.name} {self.window}, {self.model}"
+
+    def case(self, runtime: Runtime) -> Case:
+        """The window brought to Gaussians; TinySplatError names what is at fault."""
+        return self.source.case(self.window, self.model, self.size, runtime)
+
+    def stamp(self, *options: object) -> str:
+        """Changes when anything that the window's figures depend on does: photos, network, code, libraries, options."""
+        model = model_fingerprint(self.model) if self.source.needs_network else ""
+        try:
+            source = self.source.fingerprint(self.window)
+        except (TinySplatError, OSError):
+            source = ""  # the fault of the window, which will say so when it is measured
+        return digest(source, model, self.size, code_fingerprint(), *options)
 
 
 @dataclass(frozen=True, eq=False)
