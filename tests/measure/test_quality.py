@@ -20,7 +20,7 @@ from measure.evaluation_scenes import (
     write_index,
 )
 from measure.tiny_runs import shows
-from scenes import make_smooth_gaussians, refusing, tells
+from scenes import refusing, tells
 
 from tinysplat.measure.metrics import psnr
 from tinysplat.measure.quality import ProfileQp, Quality, groups_of, mean_of_rows, mean_of_scenes, record
@@ -30,7 +30,6 @@ from tinysplat.measure.show.quality import TABLES
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FolderSource, find_sources
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.recipe.words import Refinement
 
 SIZE = (HEIGHT, WIDTH)
@@ -180,14 +179,6 @@ def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_pat
     assert is_new()
     write_index(scene, [{**NEAR_WINDOW, "target": [1, 3]}])
     assert is_new()
-
-
-def test_gaussian_files_are_measured_against_their_own_render(tmp_path):
-    save_gaussians(tmp_path / "g.npz", make_smooth_gaussians(height=16, width=24))
-    outcome = evaluate(plan_of(tmp_path / "g.npz"), tmp_path / "results", CODINGS[:1])
-    entry = record(outcome.rows[0])
-    assert entry["psnr"] is None and entry["psnr_raw"] is None and 0 < entry["psnr_decoded_raw"] < 150
-    assert (entry["model"], entry["kind"], entry["height"], entry["width"]) == ("g", "file", 16, 24)
 
 
 # ---- condensing --------------------------------------------------------------------------------------------------

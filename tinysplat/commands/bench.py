@@ -29,7 +29,7 @@ NEEDS = ("matplotlib", "scipy")
 
 DEFAULT_FOLDER = "bench_report"
 
-TAKE_PATHS = frozenset({"list"})
+TAKE_PATHS = frozenset({"formats", "list"})
 """Studies that read their INPUT themselves: it need not be scenes with cameras."""
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -45,10 +45,7 @@ def configure(parser: ArgumentParser) -> None:
         " same command goes on where a killed one stopped."
     )
     parser.add_argument(
-        "scenes",
-        nargs="+",
-        metavar="SCENES",
-        help="folders with eval_index.json or .torch chunks, folders of such, or Gaussian files",
+        "scenes", nargs="+", metavar="SCENES", help="folders with eval_index.json or .torch chunks, or folders of such"
     )
     parser.add_argument(
         "-o",

@@ -1,11 +1,10 @@
-"""Pictures of a case's raw Gaussians, rendered once, and whatever else is held against them and against photos."""
+"""Pictures of Gaussians, rendered once, and whatever else is held against them and against photos."""
 
 from __future__ import annotations
 
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,60 +16,37 @@ from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
 
 from .metrics import psnr
-from .subjects.cases import Case
 
 PictureMetric = Callable[[NDArray, NDArray], float]
 
 
-@dataclass(frozen=True, eq=False)
-class Rendered:
-    """A case's pictures of one set of Gaussians.
-
-    Attributes:
-        images: (H, W, 3) float32 per camera.
-        seconds: median of one picture.
-    """
-
-    images: Sequence[NDArray]
-    seconds: float
-
-
 class PictureJudge:
-    """The judge of everything that stores, changes or approximates a case's Gaussians.
+    """The judge of everything that stores, changes or approximates Gaussians.
 
     Attributes:
-        raw: pictures of the Gaussians as they are.
+        gaussians: as they are.
+        cameras: where pictures are taken.
+        raw: (H, W, 3) float32 per camera, pictures of them.
     """
 
-    def __init__(self, case: Case, threads: int, **prepare: Any) -> None:
-        """Render the raw Gaussians at the case's cameras.
+    def __init__(self, gaussians: Gaussians, cameras: Sequence[Camera], threads: int, **prepare: Any) -> None:
+        """Render them as they are.
 
         `prepare` is what `Renderer` is told: `render.DEFINITION` for comparing ways to store the same Gaussians.
         """
-        self.case = case
-        self.renderer: Callable[[Gaussians], Renderer] = partial(Renderer, threads=threads, **prepare)
-        self.raw = self.render(case.gaussians)
+        self.gaussians, self.cameras = gaussians, cameras
+        self._renderer: Callable[[Gaussians], Renderer] = partial(Renderer, threads=threads, **prepare)
+        self.raw = self.render(gaussians)[0]
 
-    def render(self, gaussians: Gaussians) -> Rendered:
-        """Pictures at the case's cameras."""
-        draw = self.renderer(gaussians).render
+    def render(self, gaussians: Gaussians) -> tuple[list[NDArray], float]:
+        """Pictures (H, W, 3) float32 at the cameras, and the median of their seconds."""
+        draw = self._renderer(gaussians).render
         images, seconds = [], []
-        for camera in self.case.cameras:
+        for camera in self.cameras:
             start = time.perf_counter()
             images.append(draw(camera))
             seconds.append(time.perf_counter() - start)
-        return Rendered(images, statistics.median(seconds))
-
-    def figures(self, decoded: Gaussians) -> dict[str, float]:
-        """dB means over the case's cameras.
-
-        Returns:
-            `psnr_decoded_raw` against the raw Gaussians' pictures; where there are photos, `psnr` against them.
-        """
-        images = self.render(decoded).images
-        decibels = {"psnr_decoded_raw": mean_psnr(images, self.raw.images)}
-        pairs = [(a, b) for a, b in zip(images, self.case.photos, strict=True) if b is not None]
-        return decibels | ({"psnr": mean_psnr(*zip(*pairs, strict=True))} if pairs else {})
+        return images, statistics.median(seconds)
 
 
 def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], threads: int = 1) -> float:

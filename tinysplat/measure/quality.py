@@ -20,7 +20,9 @@ from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors
-from tinysplat_runtime.gaussian.gaussians import FIELDS
+from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.graphs.masked import hidden
+from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.system.jsonfields import JsonObject
@@ -30,7 +32,7 @@ from .lpips import LpipsFiles, load_lpips
 from .metrics import METRICS, psnr
 from .pictures import PictureJudge, PictureMetric, photo_psnr
 from .rows import Row, grouped
-from .subjects.cases import Case, WindowJob, covered_pixels, nearest_views
+from .subjects.cases import Shots, WindowJob, covered_pixels, nearest_views
 
 STUDY = "quality"
 
@@ -40,11 +42,8 @@ IDENTITY = ("kind", "views", "model", "profile", "qp", "height", "width")
 ENCODE_STAGES = ("vpt", "vabr", "quantise", "x265", "write")
 DECODE_STAGES = ("parse", "libavcodec", "synthesis")
 
-_UNKNOWN = dict.fromkeys(
-    ("psnr_raw", "psnr", "ssim_raw", "ssim", "flip_raw", "flip", "sharpness_raw", "sharpness", "lpips", "lpips_raw",
-     "lpips_decoded_raw", "psnr_photo", "ssim_photo", "lpips_photo", "coverage", "psnr_covered", "psnr_raw_covered",
-     "psnr_photo_covered")
-)  # fmt: skip
+_UNKNOWN = dict.fromkeys(("flip_raw", "flip", "lpips", "lpips_raw", "lpips_decoded_raw", "lpips_photo"))
+"""Where the package or weights are missing."""
 
 
 @dataclass(frozen=True)
@@ -103,68 +102,76 @@ class Prepared:
     """A window with everything that does not depend on the coding.
 
     Attributes:
+        shots: its photos.
         pictures: of its raw Gaussians.
+        seconds: by stage, of what came before coding.
         per_image: lists behind the figures of the raw render and the photo baseline.
-        covered: (H, W) bool per target, or None.
+        covered: (H, W) bool per target.
         shared: figures that all codings have.
     """
 
+    shots: Shots
     pictures: PictureJudge
+    seconds: dict[str, float]
     per_image: dict[str, list[float]]
-    covered: tuple[NDArray, ...] | None
+    covered: tuple[NDArray, ...]
     shared: JsonObject
 
     @classmethod
     def of(cls, job: WindowJob, runtime: Runtime, quality: Quality, lpips: PictureMetric | None = None) -> Prepared:
         """Bring a window to Gaussians, render them as they are and score them and the photo baseline."""
-        case, shared = job.case(runtime), {}
-        if quality.refine is not None:
-            case, shared["refined"] = _refined(case, quality.refine, quality.codings[0], runtime)
-        pictures, shots = PictureJudge(case, runtime.threads), case.shots
-        if shots is None:
-            return cls(pictures, {}, None, shared)
+        shots, watch, shared = job.shots(), Stopwatch(), JsonObject()
         context, photos = shots.context, shots.targets.images
-        covered = tuple(covered_pixels(c, context.cameras, shots.near, shots.far) for c in case.cameras)
+        graph = runtime.store.network(job.model)
+        with watch.stage("network"):
+            gaussians = predict(context.images, context.cameras, shots.near, shots.far, graph)
+            if shots.scene is not None:
+                gaussians = hidden(gaussians, shots.scene)
+        if quality.refine is not None:
+            gaussians, shared["refined"] = _refined(job, gaussians, shots, quality, runtime, watch)
+        pictures, cameras = PictureJudge(gaussians, shots.targets.cameras, runtime.threads), context.cameras
+        covered = tuple(covered_pixels(c, cameras, shots.near, shots.far) for c in pictures.cameras)
         per_image = {"coverage": [float(mask.mean()) for mask in covered]}
-        nearest = [context.images[nearest_views(camera, context.cameras, 1)[0]] for camera in case.cameras]
-        for name, images in (("_raw", pictures.raw.images), ("_photo", nearest)):
+        nearest = [context.images[nearest_views(camera, cameras, 1)[0]] for camera in pictures.cameras]
+        for name, images in (("_raw", pictures.raw), ("_photo", nearest)):
             per_image |= _scores(images, photos, lpips, name, covered)
-        return cls(pictures, per_image, covered, shared)
+        return cls(shots, pictures, watch.seconds, per_image, covered, shared)
 
 
-def _refined(case: Case, budget: Refinement, coding: ProfileQp, runtime: Runtime) -> tuple[Case, JsonObject]:
-    """The case with its Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
-    if case.shots is None or case.shots.scene is None:
-        raise InputError("only windows of scene folders can be refined", where=case.name)
-    stats, watch, shots = RefineStats(), Stopwatch(), case.shots
-    before = photo_psnr(case.gaussians, case.cameras, shots.targets.images, runtime.threads)
-    scene = replace(case.shots.scene, near=shots.near, far=shots.far)
+def _refined(
+    job: WindowJob, gaussians: Gaussians, shots: Shots, quality: Quality, runtime: Runtime, watch: Stopwatch
+) -> tuple[Gaussians, JsonObject]:
+    """Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
+    if shots.scene is None or quality.refine is None:
+        raise InputError("only windows of scene folders can be refined", where=f"{job.source.name} {job.window}")
+    stats, coding = RefineStats(), quality.codings[0]
+    before = photo_psnr(gaussians, shots.targets.cameras, shots.targets.images, runtime.threads)
     with watch.stage("refine"):
         better = runtime.refine(
-            case.gaussians,
-            scene,
-            budget.steps,
-            seconds=budget.seconds,
+            gaussians,
+            replace(shots.scene, near=shots.near, far=shots.far),
+            quality.refine.steps,
+            seconds=quality.refine.seconds,
             profile=coding.profile,
             qp=coding.qp,
             stats=stats,
         )
-    told = {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
-    return replace(case, gaussians=better, seconds={**case.seconds, **watch.seconds}), told
+    return better, {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
 
 
 def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: PictureMetric | None) -> Row:
     """Code, decode, render and compare a prepared window."""
     pictures, stats = prepared.pictures, EncodeStats()
-    case = pictures.case
-    data = runtime.compress(case.gaussians, row.setting["profile"], row.setting["qp"], drop_invalid=True, stats=stats)
+    gaussians, camera = pictures.gaussians, pictures.cameras[0]
+    data = runtime.compress(gaussians, row.setting["profile"], row.setting["qp"], drop_invalid=True, stats=stats)
     decoded = runtime.decompress(data, watch=stats.watch)
-    rendered = pictures.render(decoded)
-    per_image = {**prepared.per_image, **_scores(rendered.images, pictures.raw.images, lpips, "_decoded_raw")}
-    if case.shots is not None and prepared.covered is not None:
-        per_image |= _scores(rendered.images, case.shots.targets.images, lpips, "", prepared.covered)
+    images, seconds = pictures.render(decoded)
+    per_image = {
+        **prepared.per_image,
+        **_scores(images, pictures.raw, lpips, "_decoded_raw"),
+        **_scores(images, prepared.shots.targets.images, lpips, "", prepared.covered),
+    }
     described = inspect_bytes(data)
-    camera = case.cameras[0]
     figures = {
         **_UNKNOWN,
         **{name: float(np.mean(values)) if values else None for name, values in per_image.items()},
@@ -173,13 +180,13 @@ def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: Pictu
         "bytes": len(data),
         "bytes_by_class": described["bytes_by_class"],
         "metadata_bytes": described["metadata_bytes"],
-        "raw_bytes": sum(getattr(layer, name).nbytes for layer in case.gaussians.layers for name in FIELDS),
-        "gaussians": case.gaussians.count,
-        "attribute_errors": attribute_errors(case.gaussians, decoded),
+        "raw_bytes": sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS),
+        "gaussians": gaussians.count,
+        "attribute_errors": attribute_errors(gaussians, decoded),
         "per_image": per_image,
         **prepared.shared,
     }
-    return replace(row, figures=figures, costs={**case.seconds, **stats.watch.seconds, "render": rendered.seconds})
+    return replace(row, figures=figures, costs={**prepared.seconds, **stats.watch.seconds, "render": seconds})
 
 
 def _scores(

@@ -15,7 +15,7 @@ from ..workers import run_here, run_processes
 from .machine import describe_machine
 from .quality import Quality, groups_of, mean_of_rows, mean_of_scenes, record
 from .rows import Row, RowFile
-from .subjects.cases import FILE, LeftOut, Source, WindowJob
+from .subjects.cases import LeftOut, Source, WindowJob
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class RunPlan:
 
     Attributes:
         sources: scenes.
-        models: networks; ignored for Gaussian files.
-        size: (height, width) of photos; Gaussian files keep their own.
+        models: networks.
+        size: (height, width) of photos.
         kinds: kinds of window wanted; empty for all.
         views: numbers of context views wanted; empty for all.
         limit: windows per scene, or None for all.
@@ -68,13 +68,12 @@ def list_jobs(plan: RunPlan) -> tuple[list[WindowJob], list[LeftOut], list[str]]
             left_out.append(LeftOut(source.name, str(error)))
             continue
         left_out += lost
-        of_kind = [window for window in windows if not plan.kinds or window.kind in (*plan.kinds, FILE)]
+        of_kind = [window for window in windows if not plan.kinds or window.kind in plan.kinds]
         chosen = [window for window in of_kind if not plan.views or len(window.context) in plan.views][: plan.limit]
         if windows and not chosen:
             have = ", ".join(sorted({f"{w.kind} with {len(w.context)} views" for w in windows}))
             notes.append(f"{source.name}: no window of the wanted kind and number of views; it has {have}")
-        models = plan.models if source.needs_network else (source.name,)
-        jobs += [WindowJob(source, window, model, plan.size) for model in models for window in chosen]
+        jobs += [WindowJob(source, window, model, plan.size) for model in plan.models for window in chosen]
     return jobs, left_out, notes
 
 
@@ -92,9 +91,8 @@ def run_jobs(
         ModelError: there is no such network, or it breaks its contract.
     """
     jobs, left_out, notes = list_jobs(plan)
-    if any(job.source.needs_network for job in jobs):
-        for model in plan.models:
-            _runtime(threads).store.network(model)  # a wrong model is one error, not one per window
+    for model in plan.models:
+        _runtime(threads).store.network(model)  # a wrong model is one error, not one per window
     wanted = {job: quality.wanted(job) for job in jobs}
     known = {row.key for rows in wanted.values() for row in rows if store.find(row)}
     missing = ((job, [row for row in rows if row.key not in known]) for job, rows in wanted.items())

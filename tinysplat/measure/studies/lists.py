@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -30,13 +30,13 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.prune.encoder import PruningEncoder
 from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.render.paths import ring
+from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
-from ..pictures import PictureJudge
+from ..pictures import PictureJudge, mean_psnr
 from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
-from ..subjects.cases import Case
 from ..subjects.made import statues
 
 STUDY = "list"
@@ -58,25 +58,47 @@ OTHERS = {"SPZ v4": ".spz", "SOG": ".sog", "compressed PLY": ".compressed.ply"}
 """Other formats as `convert` writes them: suffixes."""
 
 
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A list that is coded.
+
+    Attributes:
+        name: for reports.
+        pictures: of it as it was read.
+        photos: (H, W, 3) per picture; empty where there are none.
+    """
+
+    name: str
+    pictures: PictureJudge
+    photos: NDArray | tuple[()] = ()
+
+    def row(self, way: str, qp: float, data: bytes, decoded: Gaussians) -> Row:
+        """What a file of it is like."""
+        images, _ = self.pictures.render(decoded)
+        figures = {"bytes": len(data), "kept": decoded.count, "psnr_decoded_raw": mean_psnr(images, self.pictures.raw)}
+        if len(self.photos):
+            figures["psnr"] = mean_psnr(images, self.photos)
+        return Row(STUDY, self.name, way, {"qp": qp}, figures)
+
+
 def list_rows(run: Run) -> Iterator[Row]:
     """A row per file and setting: bytes, how many are left, dB; of other formats also what ours takes at their dB."""
-    for case in _cases(run):
-        pictures = PictureJudge(case, run.threads, **DEFINITION)
-        curve = list(_own(run, pictures))
+    for subject in _subjects(run):
+        curve = list(_own(run, subject))
         points = [(row.figures["bytes"], row.figures["psnr_decoded_raw"]) for row in curve if row.way == OURS]
         yield from curve
         for name, suffix in OTHERS.items():
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder, f"g{suffix}")
-                save_gaussians(path, case.gaussians, spz_version=4)
-                row = _point(name, 0.0, pictures, path.read_bytes(), load_gaussians(path))
+                save_gaussians(path, subject.pictures.gaussians, spz_version=4)
+                row = subject.row(name, 0.0, path.read_bytes(), load_gaussians(path))
             beside = bytes_at(points, row.figures["psnr_decoded_raw"])
             yield replace(row, figures={**row.figures, **({"bytes_ours": beside} if beside else {})})
 
 
-def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
+def _own(run: Run, subject: Subject) -> Iterator[Row]:
     """Files of ours; what pictures need is ranked once."""
-    gaussians, profile = pictures.case.gaussians, find_profile(DEFAULT_PROFILE)
+    gaussians, profile = subject.pictures.gaussians, find_profile(DEFAULT_PROFILE)
     shown = visible(gaussians)
     views = from_anywhere(views_of(shown), shown)
     pruning = PruningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
@@ -84,19 +106,18 @@ def _own(run: Run, pictures: PictureJudge) -> Iterator[Row]:
         whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats(), views=views)
         for way, encoder in ((OURS, pruning), (WHOLE, whole)):
             data = encoder.code(qp)
-            yield _point(way, qp, pictures, data, run.runtime.decompress(data))
+            yield subject.row(way, qp, data, run.runtime.decompress(data))
 
 
-def _point(way: str, setting: float, pictures: PictureJudge, data: bytes, decoded: Gaussians) -> Row:
-    figures = {"bytes": len(data), "kept": decoded.count}
-    return Row(STUDY, pictures.case.name, way, {"qp": setting}, figures | pictures.figures(decoded))
-
-
-def _cases(run: Run) -> Iterator[Case]:
+def _subjects(run: Run) -> Iterator[Subject]:
     views = QUICK_VIEWS if run.quick else VIEWS
+
+    def seen(gaussians: Gaussians, cameras: Sequence[Camera]) -> PictureJudge:
+        return PictureJudge(gaussians, cameras, run.threads, **DEFINITION)
+
     if not run.paths:
         statue = statues(QUICK_MADE if run.quick else MADE)
-        yield Case.without_photos(f"a statue, {statue.count:,} of SH degree 3", statue, ring(statue, views))
+        yield Subject(f"a statue, {statue.count:,} of SH degree 3", seen(statue, ring(statue, views)))
     for path, behind in zip_longest(run.paths, run.paths[1:]):
         if path.is_dir():
             continue
@@ -108,11 +129,10 @@ def _cases(run: Run) -> Iterator[Case]:
             continue
         name = f"{path.name}, {gaussians.count:,} of SH degree {gaussians.degree}"
         if photos is None:
-            yield Case.without_photos(name, gaussians, ring(gaussians, views))
+            yield Subject(name, seen(gaussians, ring(gaussians, views)))
         else:
             unseen = photos.views(range(len(photos.frames))[UNSEEN])
-            case = Case.without_photos(name, gaussians, unseen.cameras)
-            yield replace(case, photos=tuple(unseen.images(judged=True)))
+            yield Subject(name, seen(gaussians, unseen.cameras), unseen.images(judged=True))
 
 
 def _share(rows: Sequence[Row]) -> str:

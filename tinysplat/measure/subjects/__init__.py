@@ -1,1 +1,1 @@
-"""What is measured: windows of scene folders and data sets, Gaussian files, and scenes that are made."""
+"""What is measured: windows of scene folders and data sets, and scenes and Gaussians that are made."""

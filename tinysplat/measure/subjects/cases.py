@@ -1,22 +1,17 @@
-"""A subject, from what there is to photos to Gaussians: Source → Window → Shots → Case."""
+"""A subject, from what there is to photos: Source → Window → Shots."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
-from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.graphs.masked import hidden
-from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.scenes import Scene
-from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from ..rows import code_fingerprint, digest, model_fingerprint
 
@@ -26,16 +21,13 @@ DEPTHS = 16
 SHARE = 0.5
 """Share of them that must lie in the frame of a context view for the pixel to be covered."""
 
-FILE = "file"
-"""Kind of the one window of a Gaussian file."""
-
 
 @dataclass(frozen=True)
 class Window:
     """Frames of one scene: those that a network gets, and those that its Gaussians are held against.
 
     Attributes:
-        kind: `near`, `wide`, `multi`, a data set's name or FILE.
+        kind: `near`, `wide`, `multi` or a data set's name.
         context, targets: frames.
     """
 
@@ -96,31 +88,14 @@ class Source(Protocol):
     def name(self) -> str:
         """The scene's name in results."""
 
-    @property
-    def needs_network(self) -> bool:
-        """Whether a model turns its photos into Gaussians."""
-
     def windows(self) -> tuple[list[Window], list[LeftOut]]:
         """Windows that can be tried, and those whose entry is at fault; InputError if there is no index to read."""
 
     def shots(self, window: Window, size: tuple[int, int]) -> Shots:
-        """Photos at (height, width); InputError names what is at fault, and Gaussian files, which have none."""
-
-    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
-        """Bring a window to Gaussians; TinySplatError names what is at fault."""
+        """Photos at (height, width); InputError names what is at fault."""
 
     def fingerprint(self, window: Window) -> str:
         """Changes when what the window's figures depend on, apart from model and code, changes."""
-
-
-class PhotoSource(Source, Protocol):
-    """What sources with photos have in common."""
-
-    needs_network: bool = True
-
-    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
-        """See `Source`."""
-        return predicted(f"{self.name} {window}", model, self.shots(window, size), runtime)
 
 
 @dataclass(frozen=True)
@@ -135,58 +110,17 @@ class WindowJob:
     def __str__(self) -> str:
         return f"{self.source.name} {self.window}, {self.model}"
 
-    def case(self, runtime: Runtime) -> Case:
-        """The window brought to Gaussians; TinySplatError names what is at fault."""
-        return self.source.case(self.window, self.model, self.size, runtime)
+    def shots(self) -> Shots:
+        """The window's photos; InputError names what is at fault."""
+        return self.source.shots(self.window, self.size)
 
     def stamp(self, *options: object) -> str:
         """Changes when anything that the window's figures depend on does: photos, network, code, libraries, options."""
-        model = model_fingerprint(self.model) if self.source.needs_network else ""
         try:
             source = self.source.fingerprint(self.window)
         except (TinySplatError, OSError):
             source = ""  # the fault of the window, which will say so when it is measured
-        return digest(source, model, self.size, code_fingerprint(), *options)
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A window brought to Gaussians.
-
-    Attributes:
-        name: for reports.
-        model: the network, or a Gaussian file's name.
-        gaussians: per pixel, with cameras.
-        cameras: where pictures are taken.
-        photos: (H, W, 3) float32 per camera, or None where there is none.
-        shots: what the Gaussians were predicted from, or None.
-        seconds: of the stage `network`.
-    """
-
-    name: str
-    model: str
-    gaussians: Gaussians
-    cameras: tuple[Camera, ...]
-    photos: tuple[NDArray | None, ...]
-    shots: Shots | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @classmethod
-    def without_photos(cls, name: str, gaussians: Gaussians, cameras: Sequence[Camera]) -> Case:
-        """Gaussians that no network made here, and where pictures of them are taken."""
-        return cls(name, name, gaussians, tuple(cameras), (None,) * len(cameras))
-
-
-def predicted(name: str, model: str, shots: Shots, runtime: Runtime) -> Case:
-    """What a network makes of a window's photos, held against its targets."""
-    watch = Stopwatch()
-    graph = runtime.store.network(model)
-    with watch.stage("network"):
-        gaussians = predict(shots.context.images, shots.context.cameras, shots.near, shots.far, graph)
-        if shots.scene is not None:
-            gaussians = hidden(gaussians, shots.scene)
-    targets = shots.targets
-    return Case(name, model, gaussians, targets.cameras, tuple(targets.images), shots, watch.seconds)
+        return digest(source, model_fingerprint(self.model), self.size, code_fingerprint(), *options)
 
 
 def nearest_views(camera: Camera, among: Sequence[Camera], count: int) -> list[int]:

@@ -1,10 +1,9 @@
-"""Where subjects come from: scene folders, data sets in chunks, Gaussian files, and the paths that a user gives.
+"""Where subjects come from: scene folders, data sets in chunks, and the paths that a user gives.
 
 Scene folders bring their windows in `eval_index.json`, data sets in public indices:
 
     {"near": 2.0, "far": 9.7, "windows": [{"kind": "near", "context": [2, 5], "target": [3, 4]}, …]}
 
-A Gaussian file is a window of its own, without photos: its targets are the midpoints between neighbouring views.
 What cannot be used is left out with the reason, by window where one window is at fault, by scene otherwise. Trust
 boundary: files are bounded in size, and what they hold is checked field by field.
 """
@@ -14,19 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
 from tinysplat.datasets.indices import frame_indices, read_object
-from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.formats.table import load_gaussians
-from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.render import between
-from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
@@ -34,15 +27,14 @@ from tinysplat_runtime.system.files import StrPath, read_limited
 from tinysplat_runtime.system.jsonfields import JsonObject
 
 from ..rows import digest
-from .cases import FILE, Case, LeftOut, PhotoSource, PhotoViews, Shots, Source, Window
+from .cases import LeftOut, PhotoViews, Shots, Source, Window
 
 EVAL_INDEX = "eval_index.json"
 MAX_INDEX_BYTES = 16 * 1000 * 1000
-GAUSSIAN_SUFFIXES = (".npz", ".safetensors")
 
 
 @dataclass(frozen=True)
-class FolderSource(PhotoSource):
+class FolderSource(Source):
     """A scene folder with `eval_index.json`; near and far replace the index's."""
 
     path: Path
@@ -95,7 +87,7 @@ class FolderSource(PhotoSource):
 
 
 @dataclass(frozen=True)
-class ChunkSource(PhotoSource):
+class ChunkSource(Source):
     """One scene of a data set in chunks, with its window of a public index; near and far replace the data set's."""
 
     folder: Path
@@ -128,45 +120,6 @@ class ChunkSource(PhotoSource):
         return digest(self.key, self.near, self.far, _stat(path))
 
 
-@dataclass(frozen=True)
-class FileSource:
-    """A Gaussian file: what coding loses can be measured without photos."""
-
-    path: Path
-    needs_network = False
-
-    @property
-    def name(self) -> str:
-        """The file's stem."""
-        return self.path.stem
-
-    def windows(self) -> tuple[list[Window], list[LeftOut]]:
-        """See `Source`."""
-        gaussians = load_gaussians(self.path)
-        targets = len(self._targets(gaussians))
-        return [Window(FILE, tuple(range(len(gaussians.cameras))), tuple(range(targets)))], []
-
-    def shots(self, window: Window, size: tuple[int, int]) -> Shots:
-        """See `Source`."""
-        raise InputError("a Gaussian file has no photos", where=str(self.path))
-
-    def case(self, window: Window, model: str, size: tuple[int, int], runtime: Runtime) -> Case:
-        """See `Source`; `model` and `size` are the file's own."""
-        gaussians = load_gaussians(self.path)
-        return Case.without_photos(self.name, gaussians, self._targets(gaussians))
-
-    def fingerprint(self, window: Window) -> str:
-        """Of the file's size and time of change."""
-        return digest(_stat(self.path))
-
-    def _targets(self, gaussians: Gaussians) -> list[Camera]:
-        if not gaussians.is_per_pixel:
-            raise InputError("no cameras, expected K and c2w per view", where=str(self.path))
-        if len(gaussians.cameras) == 1:
-            return list(gaussians.cameras)
-        return [between(pair, 3)[1] for pair in pairwise(gaussians.cameras)]
-
-
 def find_sources(
     paths: Iterable[StrPath],
     *,
@@ -178,7 +131,7 @@ def find_sources(
     """Sources behind the paths a user gave.
 
     Args:
-        paths: scene folders, folders of scene folders, folders of chunks, or Gaussian files.
+        paths: scene folders, folders of scene folders, or folders of chunks.
         index: public evaluation index; needed for chunks.
         dataset: key of `SPECS` for chunks.
         near, far: replace every source's own depth range.
@@ -201,11 +154,9 @@ def find_sources(
 def _sources_at(
     path: Path, index: StrPath | None, dataset: str, near: float | None, far: float | None
 ) -> tuple[list[Source], list[LeftOut]]:
-    if path.is_file() and path.suffix.lower() in GAUSSIAN_SUFFIXES:
-        return [FileSource(path)], []
     if not path.is_dir():
         fault = "no such folder" if not path.exists() else f"a file that ends in '{path.suffix}'"
-        raise InputError(f"{fault}; accepted are scene folders, chunk folders and {', '.join(GAUSSIAN_SUFFIXES)}")
+        raise InputError(f"{fault}; accepted are scene folders and chunk folders")
     if (path / CAMERAS_FILE).is_file():
         return [FolderSource(path, near, far)], []
     if (path / INDEX_FILE).is_file():
