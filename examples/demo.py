@@ -18,6 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
+from tinysplat.measure.metrics import psnr
+from tinysplat.measure.pictures import mean_psnr
+from tinysplat.measure.show.tables import format_table
+from tinysplat.measure.subjects.captures import Capture
 from tinysplat.measure.subjects.room import FAR_M, NEAR_M, write_motorcycle, write_room
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
@@ -30,15 +34,10 @@ from tinysplat_runtime.system.stopwatch import Stopwatch
 INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [248, 140, 60], [252, 250, 190]]) / 255
 
 WALK_PHOTOS, WALK_SIDE, WALK_FRAMES = 20, 192, 60
-"""Photos along a room, every fourth of which is left out, their side, and frames of the film."""
+"""Photos along a room, every fourth of which is left out (`Capture`), their side, and frames of the film."""
 
 ZOOM = 3
 """How much larger than the photos the scene is drawn to look at it from close by."""
-
-
-def psnr(a: NDArray, b: NDArray) -> float:
-    """Peak signal-to-noise ratio in dB of images in [0, 1]."""
-    return float(-10 * np.log10(np.mean((a.astype(np.float64) - b) ** 2)))
 
 
 def depth_picture(depth: NDArray) -> NDArray:
@@ -59,7 +58,7 @@ def closer(renderer: Renderer, camera: ts.Camera) -> NDArray:
     return np.concatenate([picture[rows, columns] for picture in (enlarged, drawn)], axis=1)
 
 
-def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[str, object]:
+def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[str, str]:
     """Encode, decode and render one scene; write its pictures; return its row of the table."""
     watch = Stopwatch()
     gaussians = runtime.predict(scene, watch=watch)
@@ -98,26 +97,17 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
     """A walk through a made-up room: photos along it to one file, photos left out drawn from it; what came of it."""
     folder = out / "room"
     write_room(folder, WALK_PHOTOS, WALK_SIDE, WALK_SIDE)
-    scene, left_out = ts.load_scene(folder), range(2, WALK_PHOTOS, 4)
-    given = scene.views(i for i in range(WALK_PHOTOS) if i not in left_out)
-
-    watch = Stopwatch()
+    capture, watch = Capture.of(ts.load_scene(folder)), Stopwatch()
     with watch.stage("encode"):
-        data = runtime.encode(given)
+        data = runtime.encode(capture.others)
     (out / "walk.tsplat").write_bytes(data)
     renderer = Renderer(runtime.decompress(data))
-    photos, drawn = scene.views(left_out).images(), [renderer.render(scene.cameras[i]) for i in left_out]
+    photos, drawn = capture.targets.images(), list(map(renderer.render, capture.targets.cameras))
     write_png(out / "walk.png", np.concatenate([np.concatenate(list(row), axis=1) for row in (photos, drawn)]))
-    write_video(out / "walk.mp4", map(renderer.render, between(given.cameras, WALK_FRAMES)))
-    found = np.mean([psnr(picture, photo) for picture, photo in zip(drawn, photos, strict=True)])
-    size = f"a walk, {len(given.frames)} photos of {WALK_SIDE}x{WALK_SIDE}: {len(data) / 1000:.0f} KB"
+    write_video(out / "walk.mp4", map(renderer.render, between(capture.others.cameras, WALK_FRAMES)))
+    found, given = mean_psnr(drawn, photos), len(capture.others.frames)
+    size = f"a walk, {given} photos of {WALK_SIDE}x{WALK_SIDE}: {len(data) / 1000:.0f} KB"
     return f"{size} in {watch.seconds['encode']:.1f} s; photos left out are drawn at {found:.1f} dB"
-
-
-def print_table(rows: list[dict[str, object]]) -> None:
-    """One line per row, columns aligned."""
-    for line in ([*rows[0]], *([*row.values()] for row in rows)):
-        print("  ".join(f"{cell!s:>{max(len(key), 9)}}" for key, cell in zip(rows[0], line, strict=True)))
 
 
 def main() -> int:
@@ -145,7 +135,7 @@ def main() -> int:
             rows.append(run(scene, profile, out, runtime))
     with working("a walk", quiet=False):
         walked = walk(out, runtime)
-    print_table(rows)
+    print(format_table([*rows[0]], [[*row.values()] for row in rows]))
     print(f"\n{walked}")
     print(f"\npictures (photo | raw render | decoded render | depth), videos and files: {out}/")
     return 0
