@@ -52,7 +52,7 @@ def photos(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("layout", ["cameras.json", "transforms.json", "sparse"])
 def test_every_layout_says_the_same(tmp_path: Path, photos: Path, layout: str) -> None:
     scene = tmp_path / "scene"
-    cameras = write_folder(scene, photos, entries()[::-1], (1.5, 8.0), POINTS, quiet=True)
+    cameras = write_folder(scene, photos, entries()[::-1], (1.5, 8.0), POINTS)
     assert list(cameras) == ["0.png", "1.png", "2.png"]
     for other in {"cameras.json", "transforms.json", "sparse"} - {layout}:
         path = scene / other
@@ -70,7 +70,7 @@ def test_every_layout_says_the_same(tmp_path: Path, photos: Path, layout: str) -
 def test_points_keep_their_colours(tmp_path: Path, photos: Path) -> None:
     import pycolmap
 
-    write_folder(tmp_path / "scene", photos, entries(), (None, None), POINTS, quiet=True)
+    write_folder(tmp_path / "scene", photos, entries(), (None, None), POINTS)
     model = pycolmap.Reconstruction(str(tmp_path / "scene/sparse/0"))
     np.testing.assert_allclose([model.points3D[i].xyz for i in (1, 2)], POINTS[0])
     np.testing.assert_array_equal([model.points3D[i].color for i in (1, 2)], POINTS[1])
@@ -81,7 +81,7 @@ def test_nothing_stays_behind_when_a_photo_cannot_be_read(tmp_path: Path, photos
     (tmp_path / "empty").mkdir()
     for output in (tmp_path / "new", tmp_path / "empty"):
         with refusing(InputError, "2.png"):
-            write_folder(output, photos, entries(), (1.5, 8.0), POINTS, quiet=True)
+            write_folder(output, photos, entries(), (1.5, 8.0), POINTS)
     assert not (tmp_path / "new").exists() and list((tmp_path / "empty").iterdir()) == []
 
 
@@ -118,7 +118,7 @@ def test_very_large_photos_are_kept_half_as_large_with_their_cameras(tmp_path: P
     path.write_bytes(encoded(photo, path.name))
     entry = entries()[0]
     lens = {"model": "SIMPLE_RADIAL", "width": 2700, "height": 1800, "params": [2400.0, 1350.0, 900.0, 0.05]}
-    write_folder(tmp_path / "s", tmp_path, [{**entry, "name": path.name, "camera": lens}], (1, 9), POINTS, quiet=True)
+    write_folder(tmp_path / "s", tmp_path, [{**entry, "name": path.name, "camera": lens}], (1, 9), POINTS)
     (frame,) = load_scene(tmp_path / "s").frames
     assert (frame.camera.height, frame.camera.width) == (900, 1350)
     whole = Lens("SIMPLE_RADIAL", (2400.0, 1350.0, 900.0, 0.05), 2700, 1800)

@@ -23,7 +23,7 @@ def placed(tmp_path_factory: pytest.TempPathFactory) -> tuple[NDArray, list[Plac
     found = []
     for threads in (1, 2):
         (work := folder / str(threads)).mkdir()
-        found.append(place(folder / "photos", [f"{i}.png" for i in range(5)], work, threads, quiet=True))
+        found.append(place(folder / "photos", [f"{i}.png" for i in range(5)], work, threads))
     return truth, found, folder / "1"
 
 
@@ -56,7 +56,7 @@ def test_what_masks_leave_out_tells_no_places(tmp_path: Path) -> None:
         mask = np.full(photo.shape[:2], 255, np.uint8)
         mask[window] = 0
         write_png(tmp_path / MASKS / f"{path.name}.png", mask)
-    found = centres(place(tmp_path / "photos", [f"{i}.png" for i in range(5)], tmp_path, 1, quiet=True))
+    found = centres(place(tmp_path / "photos", [f"{i}.png" for i in range(5)], tmp_path, 1))
     unit = np.linalg.norm(truth[4] - truth[0]) / np.linalg.norm(found[4] - found[0])
     steps = np.linalg.norm(np.diff(truth, axis=0), axis=1)
     np.testing.assert_allclose(unit * np.linalg.norm(np.diff(found, axis=0), axis=1), steps, rtol=0.05)
@@ -74,7 +74,7 @@ def test_a_photo_whose_matches_contradict_its_place_is_named(placed: tuple[NDArr
 def test_places_of_a_camera_that_hardly_moved_are_uncertain(tmp_path: Path) -> None:
     write_photos_of_walls(tmp_path / "photos", 4, spacing=0.005)
     (tmp_path / "work").mkdir()
-    assert place(tmp_path / "photos", [f"{i}.png" for i in range(4)], tmp_path / "work", 1, quiet=True).uncertain
+    assert place(tmp_path / "photos", [f"{i}.png" for i in range(4)], tmp_path / "work", 1).uncertain
 
 
 def test_copies_are_found_by_their_bytes(tmp_path: Path) -> None:

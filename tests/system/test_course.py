@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from tinysplat.poses.placing import ahead as ahead_of_poses
 from tinysplat_runtime.recipe.ahead import CHECKS, CODED, COMPARED, LISTED, LOOKED, REFINED, TRAINED
 from tinysplat_runtime.system.course import Course
 
@@ -89,6 +90,19 @@ def listed(count: int, each: float) -> Run:
     return Run(plan, [*to_gaussians(count, each), *after])
 
 
+def poses(count: int, pairs: int, pixels: int, seconds: Sequence[float]) -> Run:
+    """Of photos and pairs of so many pixels, and what features, a pair, placing and distortion take of one."""
+    feature, pair, place, distortion = seconds
+    steps = [
+        Step("copying photos", [0.0] * count, after=0.3),
+        Step("features of photos", photos(count, feature)),
+        Step("matching pairs of photos", photos(pairs, pair)),
+        Step("placing photos", [place * (0.7 + 0.6 * number / count) for number in range(count)], after=pairs / 1000),
+        Step("taking distortion out", photos(count, distortion)),
+    ]
+    return Run(ahead_of_poses(count, pairs, pixels), steps)
+
+
 def one_stage(count: int, each: float) -> Run:
     """What is not planned, such as a video's pictures, of which the first loads something."""
     return Run([], [Step("render", [4 * each, *photos(count - 1, each)])])
@@ -132,6 +146,9 @@ RUNS = {
     "48 photos": capture(48, 0.3),
     "list of 12": listed(12, 0.3),
     "list of 24": listed(24, 0.6),
+    "poses of 24 small photos": poses(24, 276, 455 * 256, (0.09, 0.006, 0.044, 0.026)),
+    "poses of 54 small photos": poses(54, 455, 455 * 256, (0.09, 0.006, 0.046, 0.024)),
+    "poses of 10 large photos": poses(10, 45, 3840 * 2160, (0.5, 0.019, 0.1, 0.61)),
     "pictures": one_stage(24, 0.5),
 }
 

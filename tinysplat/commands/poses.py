@@ -27,6 +27,7 @@ from tinysplat.poses.placing import (
     placed_photos,
     upright_copies,
 )
+from tinysplat_runtime.cli.files import Voice
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic
@@ -42,7 +43,7 @@ from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.spacing import Spacing
 from tinysplat_runtime.system.evenly import evenly
 from tinysplat_runtime.system.printable import printable
-from tinysplat_runtime.system.progress import progress
+from tinysplat_runtime.system.progress import wipe
 
 HELP = "camera poses of photos or a video, as a scene folder"
 NEEDS = ("pycolmap",)
@@ -121,7 +122,7 @@ def run(args: Namespace) -> None:
     is_video = source.suffix.lower() in VIDEOS and not source.is_dir()
     if args.frames is not None and not is_video:
         raise InputError(f"given with {source}, expected a video ({KINDS})", where="--frames")
-    found = [] if is_video else _photo_names(source)
+    voice, found = Voice("", args.quiet), [] if is_video else _photo_names(source)
     is_panorama = _is_panorama([source] if is_video else [source / name for name in found], args)
     _check_output(output)
     with tempfile.TemporaryDirectory() as work:
@@ -129,30 +130,35 @@ def run(args: Namespace) -> None:
         photos.mkdir()
         try:
             if is_panorama:
-                names, masks, placement = _of_panoramas(source, found, photos, args)
+                names, masks, placement = _of_panoramas(source, found, photos, args, voice)
             elif is_video:
-                names, placement = _of_video(source, photos, args)
+                names, placement = _of_video(source, photos, args, voice)
             else:
-                names = _copied(source, found, photos, quiet=args.quiet)
+                names = _copied(source, found, photos, voice)
                 masks = _masks(source, names, photos)
-                placement = place(photos, list(names), Path(work), args.threads or -1, quiet=args.quiet)
+                placement = place(photos, list(names), Path(work), args.threads or -1, told=voice)
             _check_placement(placement)
-            cameras, (near, far) = _write(output, photos, placement, masks, quiet=args.quiet)
+            cameras, (near, far) = _write(output, photos, placement, masks, voice)
         except InputError as error:
             where = (error.where or str(source)).replace(str(photos), str(source))
             raise InputError(error.message, where=where) from None
     for line in _remarks(names, placement, "frames" if is_video else "photos"):
-        print(printable(f"{source}: {line}"), file=sys.stderr)
-    if not args.quiet:
-        if near and far:
-            said = Spacing.of(list(cameras.values()), near, far).said([names[name] for name in cameras])
-            print(printable(f"{source}: {said}"), file=sys.stderr)
-        depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
-        print(f"{output}: {len(cameras)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it")
+        _say(source, line)
+    if near and far:
+        said = Spacing.of(list(cameras.values()), near, far).said([names[name] for name in cameras])
+        voice.say("notice", said, source)
+    depths = "" if near is None or far is None else f", near {near:.4g}, far {far:.4g}"
+    voice.done(f"{len(cameras)} photos{depths}; `tinysplat encode {output} -o F.tsplat` takes it", output)
+
+
+def _say(where: Path, line: str) -> None:
+    """What matters where nothing else is to be said, too."""
+    wipe()
+    print(printable(f"{where}: {line}"), file=sys.stderr)
 
 
 def _write(
-    output: Path, photos: Path, placement: Placement, masks: Mapping[str, Mask], *, quiet: bool
+    output: Path, photos: Path, placement: Placement, masks: Mapping[str, Mask], voice: Voice
 ) -> tuple[dict[str, Camera], tuple[float | None, float | None]]:
     """Write the scene of photos that were placed; their cameras by name, and near and far."""
     points, (entries, observations) = coloured_points(placement.model), placed_photos(placement.model)
@@ -160,7 +166,7 @@ def _write(
     w2c = np.array([entry["w2c"] for entry in entries])
     depths = observed_range(w2c, points[0], observations[kept[observations[:, 0]]])
     right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
-    cameras = write_folder(output, photos, right, depths, points, masks, quiet=quiet)
+    cameras = write_folder(output, photos, right, depths, points, masks, voice)
     return cameras, depths
 
 
@@ -194,29 +200,27 @@ def _remarks(names: Mapping[str, str], placement: Placement, what: str) -> Itera
         yield f"{said}, {most} the most: step aside where you only turned, and take more photos"
 
 
-def _of_video(source: Path, photos: Path, args: Namespace) -> tuple[dict[str, str], Placement]:
+def _of_video(source: Path, photos: Path, args: Namespace, voice: Voice) -> tuple[dict[str, str], Placement]:
     """Frames that were written as photos, by name, and where they were taken; more of them where few could be placed.
 
     Raises:
         InputError: under two thirds could be placed.
     """
     video = open_video(source)
-    walk = look_through(video, quiet=args.quiet)
+    walk = look_through(video, voice)
     if args.frames is not None and args.frames > len(walk.indices):
         raise InputError(f"{len(walk.indices)} frames, expected {args.frames} or more")
     names: dict[int, str] = {}
     found: list[tuple[dict[int, str], frozenset[str], Placement | None]] = []
     added = walk.chosen(args.frames)
     while added and len(found) < ROUNDS:
-        for index, picture in progress(video.frames(added), len(added), "taking frames", quiet=args.quiet):
+        for index, picture in voice.progress("taking frames", video.frames(added), total=len(added)):
             names[index] = f"frame_{index:06}.jpg"
             (photos / names[index]).write_bytes(encoded(picture, names[index]))
         names = dict(sorted(names.items()))
-        if not args.quiet:
-            said = f"{len(names)} of {len(video.stamps)} frames, chosen for overlap and sharpness"
-            print(f"{source}: {said}", file=sys.stderr)
+        voice.say("notice", f"{len(names)} of {len(video.stamps)} frames, chosen for overlap and sharpness", source)
         try:
-            placement = place(photos, list(names.values()), photos.parent, args.threads or -1, quiet=args.quiet)
+            placement = place(photos, list(names.values()), photos.parent, args.threads or -1, told=voice)
         except NonePlacedError:
             placement = None
         right = placement.right if placement else frozenset()
@@ -246,7 +250,7 @@ def _is_panorama(paths: Sequence[Path], args: Namespace) -> bool:
     if args.panorama or said:
         return True
     if all(_is_twice_as_wide(path) for path in paths):
-        print(printable(f"{paths[0]}: twice as wide as high; if that is 360°, --360 says so"), file=sys.stderr)
+        _say(paths[0], "twice as wide as high; if that is 360°, --360 says so")
     if args.without:
         raise InputError("given with pictures that do not say that they are 360°; --360 does", where="--without")
     return False
@@ -261,7 +265,7 @@ def _is_twice_as_wide(path: Path) -> bool:
 
 
 def _of_panoramas(
-    source: Path, found: Sequence[str], photos: Path, args: Namespace
+    source: Path, found: Sequence[str], photos: Path, args: Namespace, voice: Voice
 ) -> tuple[dict[str, str], dict[str, Mask], Placement]:
     """Faces of 360° pictures that were written as photos, by name, their masks, and where they were taken.
 
@@ -278,7 +282,7 @@ def _of_panoramas(
         for folder in (photos, photos.with_name(MASKS)):
             (folder / face_name).mkdir(parents=True)
     size: tuple[int, int] | None = None
-    for own, picture, known in _panoramas(source, found, args):
+    for own, picture, known in _panoramas(source, found, args, voice):
         height, width = picture.shape[:2]
         check_shape(height, width, own)
         size = size or (height, width)
@@ -299,21 +303,23 @@ def _of_panoramas(
                 masks[name] = Mask(mask, is_background=False)
     first = next(iter(faces.values()))
     rig = {name: turn @ first.T for name, turn in faces.items()}
-    placement = place(photos, list(names), photos.parent, args.threads or -1, rig=rig, quiet=args.quiet)
+    placement = place(photos, list(names), photos.parent, args.threads or -1, rig=rig, told=voice)
     if len(placement.right) < ENOUGH * len(names):
         raise InputError(f"only {len(placement.right)} of {len(names)} faces of 360° pictures could be placed; {ASIDE}")
     return {name: f"{own} ({name.partition('/')[0]})" for name, own in names.items()}, masks, placement
 
 
-def _panoramas(source: Path, found: Sequence[str], args: Namespace) -> Iterator[tuple[str, NDArray, NDArray | None]]:
+def _panoramas(
+    source: Path, found: Sequence[str], args: Namespace, voice: Voice
+) -> Iterator[tuple[str, NDArray, NDArray | None]]:
     """Names of 360° pictures, the pictures, and (H, W) uint8, 255 where they count, None where all of one does."""
     if not found:
         video = open_video(source)
         check_shape(video.height, video.width, str(source))
-        chosen = look_through(video, quiet=args.quiet).chosen(args.frames)
+        chosen = look_through(video, voice).chosen(args.frames)
         if args.frames is None and len(chosen) > MOST_PANORAMAS:
             chosen = [chosen[i] for i in evenly(len(chosen), MOST_PANORAMAS)]
-        for index, picture in progress(video.frames(chosen), len(chosen), "taking frames", quiet=args.quiet):
+        for index, picture in voice.progress("taking frames", video.frames(chosen), total=len(chosen)):
             yield f"frame_{index:06}.jpg", picture, None
         return
     for name in found:
@@ -322,7 +328,7 @@ def _panoramas(source: Path, found: Sequence[str], args: Namespace) -> Iterator[
     twins = copies(source, found)
     own = [name for name in found if name not in twins]
     masks = masks_of([source / name for name in own], source.parent)
-    for name, mask in progress(list(zip(own, masks, strict=True)), len(own), "cutting faces", quiet=args.quiet):
+    for name, mask in voice.progress("cutting faces", list(zip(own, masks, strict=True))):
         picture = read_image(source / name)
         yield name, picture, None if mask is None else mask.kept(*picture.shape[:2])
 
@@ -340,7 +346,7 @@ def _unplaced(frames: Sequence[tuple[float, bool]]) -> str:
     return f"{said}: film slowly, in good light, what has texture; {ASIDE}"
 
 
-def _copied(source: Path, found: Sequence[str], photos: Path, *, quiet: bool) -> dict[str, str]:
+def _copied(source: Path, found: Sequence[str], photos: Path, voice: Voice) -> dict[str, str]:
     """Copy photos that differ into a folder, upright; their own names by what they are called there, in order."""
     twins = copies(source, found)
     if len(twins) + 1 == len(found):
@@ -348,11 +354,11 @@ def _copied(source: Path, found: Sequence[str], photos: Path, *, quiet: bool) ->
     if twins:
         twin, first = next(iter(twins.items()))
         more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
-        print(printable(f"{source}: {twin} is the very file {first} and is left out{more}"), file=sys.stderr)
+        _say(source, f"{twin} is the very file {first} and is left out{more}")
     kept = [name for name in found if name not in twins]
-    called, turned = upright_copies(source, kept, photos)
-    if turned and not quiet:
-        print(f"{source}: {turned} of {len(kept)} photos turned as their Exif orientation says", file=sys.stderr)
+    called, turned = upright_copies(source, kept, photos, voice)
+    if turned:
+        voice.say("notice", f"{turned} of {len(kept)} photos turned as their Exif orientation says", source)
     return {copy: name for name, copy in called.items()}
 
 
@@ -384,7 +390,7 @@ def _photo_names(folder: Path) -> list[str]:
         said = f"{len(heics)} of {len(names)} photos are HEIC; {heic.INSTALL} reads them"
         if len(readable) < 2:
             raise InputError(said, where=str(folder))
-        print(printable(f"{folder}: {said}, now they are left out: {', '.join(heics)}"), file=sys.stderr)
+        _say(folder, f"{said}, now they are left out: {', '.join(heics)}")
     if len(readable) < 2:
         raise InputError(f"{len(readable)} photos ({', '.join(PHOTO_SUFFIXES)}), expected 2 or more", where=str(folder))
     return readable

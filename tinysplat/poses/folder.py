@@ -27,7 +27,7 @@ from tinysplat_runtime.scene.pictures import png_bytes
 from tinysplat_runtime.scene.resampling import resize_cover
 from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.jsonfields import JsonObject
-from tinysplat_runtime.system.progress import progress
+from tinysplat_runtime.system.told import NOBODY, Told
 
 from .placing import encoded
 
@@ -45,8 +45,7 @@ def write_folder(
     depths: tuple[float | None, float | None],
     points: Points,
     masks: Mapping[str, Mask] = MappingProxyType({}),
-    *,
-    quiet: bool,
+    told: Told = NOBODY,
 ) -> dict[str, Camera]:
     """Write a scene; nothing stays behind when that fails.
 
@@ -57,7 +56,7 @@ def write_folder(
         depths: near and far, None where they are unknown.
         points: of the surfaces.
         masks: of photos, by their names; what is transparent stays so, others are written beside the photos.
-        quiet: whether to show no progress.
+        told: is told of each photo.
 
     Returns:
         Cameras of the photos in it by the photos' names, in their order.
@@ -69,7 +68,7 @@ def write_folder(
         are_masked = any(not mask.is_opacity for mask in masks.values())  # then each has a mask, if a white one
         frames = [
             _written(output, photos, entry, masks.get(str(entry["name"])), is_masked=are_masked)
-            for entry in progress(order, len(order), "taking distortion out", quiet=quiet)
+            for entry in told.progress("taking distortion out", order)
         ]
         near, far = depths
         ours = [{**camera_entry(file, camera), "taken_with": lens_entry(lens)} for file, camera, lens in frames]

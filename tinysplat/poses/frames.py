@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.footage import Video
-from tinysplat_runtime.system.progress import progress
+from tinysplat_runtime.system.told import NOBODY, Told
 
 STEP = 0.06
 """Of the picture's width, moved between one chosen frame and the next: neighbours share nearly all that they show."""
@@ -88,7 +88,7 @@ class Walk:
         return sorted(self.indices[i] for i in added)
 
 
-def look_through(video: Video, *, quiet: bool = True) -> Walk:
+def look_through(video: Video, told: Told = NOBODY) -> Walk:
     """Measure a video's movement and detail, in one pass.
 
     Raises:
@@ -98,7 +98,7 @@ def look_through(video: Video, *, quiet: bool = True) -> Walk:
     indices: list[int] = []
 
     def luma() -> Iterator[NDArray]:
-        for index, thumbnail in progress(video.thumbnails(LOOK_WIDTH), total, "looking at frames", quiet=quiet):
+        for index, thumbnail in told.progress("looking at frames", video.thumbnails(LOOK_WIDTH), total=total):
             indices.append(index)
             yield thumbnail
 

@@ -31,7 +31,7 @@ from tinysplat_runtime.scene.images import image_size, is_turned, read_image
 from tinysplat_runtime.scene.lenses import load_pycolmap
 from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
 from tinysplat_runtime.system.jsonfields import JsonObject
-from tinysplat_runtime.system.progress import progress, working
+from tinysplat_runtime.system.told import NOBODY, Told
 
 MASKS = "masks"
 """Folder of masks beside that of photos."""
@@ -46,6 +46,8 @@ T = TypeVar("T")
 
 _PHOTOS_AT_ONCE, _PAIRS_AT_ONCE = 8, 64  # that COLMAP is given, which does not say how far it is
 _FEW_PLACES = 12  # of a rig's, each compared with each
+_MATCHING, _CAREFULLY = "matching pairs of photos", "matching pairs of photos more carefully"
+_PAIRS_A_PHOTO = 9  # of many photos, about
 _NONE_PLACED = "no photos could be placed: they need texture, overlap, and to be taken from different places"
 _SEED = 0  # of RANSAC: the same photos give the same poses
 _OVERLAP, _FARTHEST = 6, 64  # photos before each that it is compared with: so many, and 2, 4, 8 … up to so far
@@ -109,7 +111,7 @@ def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
     return first_of
 
 
-def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> tuple[dict[str, str], int]:
+def upright_copies(photos: Path, names: Sequence[str], folder: Path, told: Told = NOBODY) -> tuple[dict[str, str], int]:
     """Photos in a folder as a viewer shows them, by links where that is how they are stored; HEIC as JPEG.
 
     Returns:
@@ -117,7 +119,7 @@ def upright_copies(photos: Path, names: Sequence[str], folder: Path) -> tuple[di
     """
     called: dict[str, str] = {}
     turned = 0
-    for name in names:
+    for name in told.progress("copying photos", names):
         stem, suffix = "_".join(Path(name).stem.split()), Path(name).suffix.lower()  # COLMAP's lists split at spaces
         is_heic = suffix in HEIC
         kind = ".jpg" if is_heic else suffix
@@ -146,7 +148,7 @@ def place(
     threads: int,
     *,
     rig: Mapping[str, NDArray] | None = None,
-    quiet: bool,
+    told: Told = NOBODY,
 ) -> Placement:
     """Find where photos were taken.
 
@@ -159,35 +161,51 @@ def place(
         rig: of photos `CAMERA/NAME`, those of one NAME were taken at one place: (3, 3) turns by CAMERA, from the axes
             of the first, which is level, to its own; all are square and see 90°.
         threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
-        quiet: whether to show no progress.
+        told: is told how far it is.
 
     Raises:
         NonePlacedError: none could be placed.
     """
     pycolmap = load_pycolmap()
     database = work / "database.db"
-    _find_features(photos, names, database, threads, rig=rig, quiet=quiet)
+    every = [(i, j) for j in range(len(names)) for i in range(j)] if len(names) <= ALL_PAIRS and not rig else []
+    height, width = image_size(photos / names[0])
+    steps = ahead(len(names), len(every) if len(names) <= FEW else _PAIRS_A_PHOTO * len(names), height * width)
+    told.plan(steps)
+    _find_features(photos, names, database, threads, rig=rig, told=told)
     if rig:
-        _match(names, _pairs_of_rig(names, rig), database, threads, quiet=quiet)
-        found = _placed(photos, database, rig=rig, quiet=quiet)
+        _match(names, _pairs_of_rig(names, rig), database, threads, told=told)
+        found = _placed(photos, database, len(names), rig=rig, told=told)
         if found is None:
             raise NonePlacedError(_NONE_PLACED)
         return found
-    every = [(i, j) for j in range(len(names)) for i in range(j)] if len(names) <= ALL_PAIRS else []
-    pairs = every if len(names) <= FEW else pairs_of_many(photos, names, quiet=quiet)
-    _match(names, pairs, database, threads, quiet=quiet)
-    found = _placed(photos, database, quiet=quiet)
+    pairs = every if len(names) <= FEW else pairs_of_many(photos, names, told)
+    _match(names, pairs, database, threads, told=told)
+    found = _placed(photos, database, len(names), told=told)
     is_whole = found is not None and len(found.right) == len(names) and not (found.uncertain and len(names) > FEW)
     if every and not is_whole:
         with pycolmap.Database.open(database) as opened:
             opened.clear_matches()
             opened.clear_two_view_geometries()
-        _match(names, every, database, threads, is_careful=True, quiet=quiet)
-        again = _placed(photos, database, is_careful=True, quiet=quiet)
+        told.plan([(_CAREFULLY, 1.5 * steps[1][1]), *steps[2:]])
+        _match(names, every, database, threads, is_careful=True, told=told)
+        again = _placed(photos, database, len(names), is_careful=True, told=told)
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
         raise NonePlacedError(_NONE_PLACED)
     return found
+
+
+def ahead(photos: int, pairs: int, pixels: int) -> list[tuple[str, float]]:
+    """Steps, and what each is likely to take against the others, for so many photos of so many pixels."""
+    whole = pixels / 1e6
+    seen = min(whole, 1.4)  # of larger photos, a smaller copy is
+    return [
+        ("features of photos", photos * (0.06 + 0.3 * seen)),
+        (_MATCHING, pairs * (0.005 + 0.01 * seen)),
+        ("placing photos", photos * (0.04 + 0.04 * seen)),
+        ("taking distortion out", photos * (0.02 + 0.07 * whole)),
+    ]
 
 
 def _pairs_of_rig(names: Sequence[str], rig: Mapping[str, NDArray]) -> list[tuple[int, int]]:
@@ -205,7 +223,7 @@ def _pairs_of_rig(names: Sequence[str], rig: Mapping[str, NDArray]) -> list[tupl
 
 
 def _find_features(
-    photos: Path, names: Sequence[str], database: Path, threads: int, *, rig: Mapping[str, NDArray] | None, quiet: bool
+    photos: Path, names: Sequence[str], database: Path, threads: int, *, rig: Mapping[str, NDArray] | None, told: Told
 ) -> None:
     """Features of those photos that a database lacks."""
     pycolmap = load_pycolmap()
@@ -236,7 +254,7 @@ def _find_features(
         extraction.sift.max_num_features = _FEATURES
     # All photos first: they get numbers in their order, not in that in which threads are done with them.
     pycolmap.import_images(database, photos, mode, image_names=new, options=reading)
-    for part in _by_parts(new, _PHOTOS_AT_ONCE, "features of photos", quiet=quiet):
+    for part in _by_parts(new, _PHOTOS_AT_ONCE, "features of photos", told):
         pycolmap.extract_features(database, photos, part, mode, reading, extraction)
     if rig:
         with pycolmap.Database.open(database) as opened:
@@ -262,7 +280,7 @@ def _match(
     threads: int,
     *,
     is_careful: bool = False,
-    quiet: bool,
+    told: Told,
 ) -> None:
     """Match and verify those pairs of photos that the database lacks."""
     pycolmap = load_pycolmap()
@@ -270,26 +288,31 @@ def _match(
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
     listed = database.with_name("pairs.txt")
-    label = "matching pairs of photos" + " more carefully" * is_careful
-    for part in _by_parts(pairs, _PAIRS_AT_ONCE, label, quiet=quiet):
+    label = _CAREFULLY if is_careful else _MATCHING
+    for part in _by_parts(pairs, _PAIRS_AT_ONCE, label, told):
         listed.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in part), "utf-8")
         pairing = pycolmap.ImportedPairingOptions(match_list_path=listed)
         pycolmap.match_image_pairs(database, matching, pairing, verification)
 
 
-def _by_parts(items: Sequence[T], size: int, label: str, *, quiet: bool) -> Iterator[Sequence[T]]:
-    """Parts of so many items, while it shows how many of them all are done."""
-    shown = progress(items, len(items), label, quiet=quiet)
-    while part := list(itertools.islice(shown, size)):
-        yield part
+def _by_parts(items: Sequence[T], size: int, label: str, told: Told) -> Iterator[Sequence[T]]:
+    """Parts of so many items; tells how many of them all are done."""
+    parts = [items[start : start + size] for start in range(0, len(items), size)]
+    return told.progress(label, parts, total=len(items), size_of=len)
 
 
 def _placed(
-    photos: Path, database: Path, *, is_careful: bool = False, rig: Mapping[str, NDArray] | None = None, quiet: bool
+    photos: Path,
+    database: Path,
+    count: int,
+    *,
+    is_careful: bool = False,
+    rig: Mapping[str, NDArray] | None = None,
+    told: Told,
 ) -> Placement | None:
-    """The largest model that matches give, judged by them."""
+    """The largest model that matches of so many photos give, judged by them."""
     models = sorted(
-        _mapped(photos, database, is_careful=is_careful, is_rig=bool(rig), quiet=quiet),
+        _mapped(photos, database, count, is_careful=is_careful, is_rig=bool(rig), told=told),
         key=lambda one: -one.num_reg_images(),
     )
     if not models:
@@ -318,10 +341,10 @@ def parallax(model: Any) -> float:
     return float(np.median(widest)) if widest else 0.0
 
 
-def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> list[tuple[int, int]]:
+def pairs_of_many(photos: Path, names: Sequence[str], told: Told = NOBODY) -> list[tuple[int, int]]:
     """Pairs of photos, lower index first, that may show the same: near in order, or alike as thumbnails."""
     small = []
-    for name in progress(names, len(names), "comparing thumbnails", quiet=quiet):
+    for name in told.progress("comparing thumbnails", names):
         image = read_image(photos / name).astype(np.float32).mean(axis=-1)
         rows, columns = (np.linspace(0, side, _THUMBNAIL + 1).astype(int)[:-1] for side in image.shape)
         cells = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
@@ -337,8 +360,8 @@ def pairs_of_many(photos: Path, names: Sequence[str], *, quiet: bool = True) -> 
     return sorted(pairs)
 
 
-def _mapped(photos: Path, database: Path, *, is_careful: bool, is_rig: bool, quiet: bool) -> list[Any]:
-    """The models that matches give."""
+def _mapped(photos: Path, database: Path, count: int, *, is_careful: bool, is_rig: bool, told: Told) -> list[Any]:
+    """The models that matches of so many photos give."""
     pycolmap = load_pycolmap()
     folder = tempfile.mkdtemp(dir=database.parent)
     # One thread: with more, sums are added up in another order in every run, and photos are placed or not by that.
@@ -347,16 +370,21 @@ def _mapped(photos: Path, database: Path, *, is_careful: bool, is_rig: bool, qui
         options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_sensor_from_rig = False
     if is_careful:
         options.mapper.abs_pose_min_num_inliers = _FEWER_MATCHES
-    done = 0
+    placed = told.progress("placing photos", range(count))
 
-    def count() -> None:
-        nonlocal done
-        done += 1
+    def another() -> None:
+        next(placed, None)
 
-    with working("placing cameras", quiet=quiet, note=lambda: f"{done} placed"):
-        models = pycolmap.incremental_mapping(
-            database, photos, folder, options, initial_image_pair_callback=count, next_image_callback=count
-        )
+    def first() -> None:
+        another()
+        another()
+
+    next(placed)
+    models = pycolmap.incremental_mapping(
+        database, photos, folder, options, initial_image_pair_callback=first, next_image_callback=another
+    )
+    for _ in placed:  # those that could not be placed
+        pass
     return list(models.values())
 
 

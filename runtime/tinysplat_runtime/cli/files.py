@@ -177,11 +177,13 @@ class Voice(Told):
         note: Callable[[], str] = str,
         total: int | None = None,
         costs: Sequence[float] | None = None,
+        size_of: Callable[[T], int] = lambda item: 1,
     ) -> Iterator[T]:
         """Say how far a step is."""
         if total is None and isinstance(items, Sized):
             total = len(items)
-        return progress(items, total, label, quiet=self.quiet, note=note, course=self.course, costs=costs)
+        quiet, course = self.quiet, self.course
+        return progress(items, total, label, quiet=quiet, note=note, course=course, costs=costs, size_of=size_of)
 
 
 @contextlib.contextmanager

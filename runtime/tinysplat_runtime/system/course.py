@@ -30,12 +30,13 @@ class Stage:
         """Begin; `costs` are of each item against the others, all alike without them. `clock` gives seconds."""
         self.label, self.share, self.total, self.done, self.is_over = label, share, total, 0, False
         self._costs, self._clock = costs, clock
-        self._ends = [clock()]
+        self._ends, self._together = [clock()], 1
 
-    def next(self) -> None:
-        """Another item is done."""
-        self.done += 1
-        self._ends.append(self._clock())
+    def next(self, count: int = 1) -> None:
+        """So many more items are done."""
+        self.done, self._together = self.done + count, count
+        since, last = self._clock() - self._ends[-1], self._ends[-1]
+        self._ends += [last + since * (number + 1) / count for number in range(count)]
 
     @property
     def seconds(self) -> float:
@@ -54,7 +55,8 @@ class Stage:
         first = max(self.done - max(LATEST, self.done // 2), min(self.done - 1, 1))
         rate = (self._ends[-1] - self._ends[first]) / self._cost(first, self.done)
         since = self._clock() - self._ends[-1]
-        now, later = self._cost(self.done, self.done + 1), self._cost(self.done + 1, self.total)
+        then = self.done + self._together
+        now, later = self._cost(self.done, then), self._cost(then, self.total)
         return max(rate * now - since, 0.0) + rate * later
 
     @property
@@ -85,9 +87,13 @@ class Course:
         self._begun = clock()
 
     @property
-    def seconds(self) -> float:
-        """Since it began."""
-        return self._clock() - self._begun
+    def way(self) -> float | None:
+        """Share of the way that is done; None where nothing tells yet."""
+        left = self.left
+        if left is None or self.now is None:
+            return None
+        taken = self._clock() - self._begun if self.now.share else self.now.seconds
+        return taken / max(taken + left, 1e-9)
 
     def plan(self, stages: Iterable[tuple[str, float]]) -> None:
         """What comes after the stage at hand: labels and shares above 0, in order."""

@@ -126,6 +126,7 @@ def progress(
     note: Callable[[], str] = str,
     course: Course | None = None,
     costs: Sequence[float] | None = None,
+    size_of: Callable[[T], int] = lambda item: 1,
 ) -> Iterator[T]:
     """Yield the items and show how many are done on standard error.
 
@@ -137,6 +138,7 @@ def progress(
         note: says how things stand.
         course: of the whole run, whose seconds left are said; without one, those of these items are.
         costs: see `Course.begin`.
+        size_of: how many an item counts for.
     """
     if quiet:
         yield from items
@@ -146,8 +148,8 @@ def progress(
 
     def text() -> str:
         of = "" if total is None else f" of {total:,}"
-        whole = (_bar(run), left_of(run)) if stage is run.now else ()
-        return _joined(f"{label}: {stage.done:,}{of}", *whole, note(), compiling.text)
+        whole = _left(run) if stage is run.now else ""
+        return _joined(f"{label}: {stage.done:,}{of}", whole, note(), compiling.text)
 
     if course is not None:
         _step[0] = text  # until the next one begins
@@ -155,7 +157,7 @@ def progress(
         with _speaker.saying(text):
             for item in items:
                 yield item
-                stage.next()
+                stage.next(size_of(item))
     finally:
         stage.is_over = True
 
@@ -185,24 +187,16 @@ def still_there(label: str, *, quiet: bool) -> Iterator[None]:
 def step(label: str, course: Course | None = None) -> None:
     """From now on this is what a command does, on the way of `course`."""
     since, run = time.monotonic(), course or Course()
-    _step[0] = lambda: _joined(f"{label}: {time.monotonic() - since:.0f} s", _bar(run), left_of(run), compiling.text)
+    _step[0] = lambda: _joined(f"{label}: {time.monotonic() - since:.0f} s", _left(run), compiling.text)
 
 
-def left_of(course: Course) -> str:
-    """For people, such as `about 40 s left`; empty where nobody knows, or it is hardly worth saying."""
-    left = course.left
-    if left is None or left < LEAST_LEFT_S:
+def _left(course: Course) -> str:
+    """For people, such as `about 40 s left`, on a terminal after a bar; empty where nobody knows."""
+    left, way = course.left, course.way
+    if left is None or way is None or left < LEAST_LEFT_S:
         return ""
-    return f"about {left:.0f} s left" if left < 100 else f"about {left / 60:.0f} min left"
-
-
-def _bar(course: Course) -> str:
-    """How much of the whole is done, on a terminal."""
-    left = course.left
-    if left is None or not sys.stderr.isatty():
-        return ""
-    done = round(BAR * course.seconds / max(course.seconds + left, 1e-9))
-    return f"[{'#' * done}{'.' * (BAR - done)}]"
+    said = f"about {left:.0f} s left" if left < 100 else f"about {left / 60:.0f} min left"
+    return f"[{'#' * round(BAR * way):.<{BAR}}] {said}" if sys.stderr.isatty() else said
 
 
 def _joined(*parts: str) -> str:

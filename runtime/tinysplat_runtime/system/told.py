@@ -39,6 +39,7 @@ class Told:
         note: Callable[[], str] = str,
         total: int | None = None,
         costs: Sequence[float] | None = None,
+        size_of: Callable[[T], int] = lambda item: 1,
     ) -> Iterator[T]:
         """Passes the items of a step on.
 
@@ -48,6 +49,7 @@ class Told:
             note: says how things stand.
             total: how many there are; None for as many as `items` has, where it knows.
             costs: what each takes against the others, where they are not alike.
+            size_of: how many an item counts for, such as the photos of a part of them.
         """
         return iter(items)
 
