@@ -6,7 +6,7 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from tinysplat.measure.show.sheets import Sheet, gaussian_sheet, picture_sheet, write_sheet
+from tinysplat.measure.show.sheets import MOST_PIXELS, Sheet, gaussian_sheet, picture_sheet, write_sheet
 from tinysplat.measure.show.tables import format_table, number
 from tinysplat_runtime.api import load_gaussians
 from tinysplat_runtime.cli.arguments import size
@@ -37,7 +37,8 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("b", metavar="B", help="the same kind of thing as A")
     parser.add_argument("-o", "--output", default="comparison", metavar="FOLDER", help="default comparison")
     parser.add_argument("--cameras", metavar="cameras.json", help="where to look from; default: the views of A, or B")
-    parser.add_argument("--size", type=size, metavar="WxH", help="size of rendered pictures; default: the cameras'")
+    pictures = f"size of rendered pictures; default: the cameras', but at most {MOST_PIXELS} pixels across"
+    parser.add_argument("--size", type=size, metavar="WxH", help=pictures)
 
 
 def run(args: Namespace) -> None:
