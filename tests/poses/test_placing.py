@@ -10,7 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from poses.walls import textured, write_photos_of_walls
 
-from tinysplat.poses.placing import MASKS, Placement, coloured_points, contradicted, copies, pairs_of_many, place
+from tinysplat.poses.placing import (
+    MASKS,
+    Placement,
+    coloured_points,
+    contradicted,
+    copies,
+    pairs_of_many,
+    place,
+    shared_features,
+)
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 
@@ -83,12 +92,16 @@ def test_copies_are_found_by_their_bytes(tmp_path: Path) -> None:
     assert copies(tmp_path, ["a.png", "b.png", "c.png"]) == {"c.png": "a.png"}
 
 
-def test_of_many_photos_neighbours_and_those_that_look_alike_are_paired(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    kinds = [rng.integers(0, 255, (40, 60, 3), np.uint8) for _ in range(60)]
-    names = [f"{i:03}.png" for i in range(120)]
-    for i, name in enumerate(names):  # the second half comes back to where the first was
-        write_png(tmp_path / name, kinds[i % 60])
-    pairs = set(pairs_of_many(tmp_path, names))
+def test_of_many_photos_neighbours_and_those_that_share_features_are_paired(
+    placed: tuple[NDArray, list[Placement], Path],
+) -> None:
+    shared = shared_features([f"{i}.png" for i in range(5)], placed[2] / "database.db")
+    np.testing.assert_array_equal(shared, shared.T)
+    assert not np.diag(shared).any() and (shared[0, 1:] > 0).all() and shared[0, 4] == shared[0, 1:].min()
+
+    walk = np.zeros((120, 120), np.int64)  # the second half comes back to where the first was
+    for i in range(60):
+        walk[i, i + 60] = walk[i + 60, i] = 9
+    pairs = set(pairs_of_many(walk, 2))
     assert all((i, i + 1) in pairs for i in range(119)) and all((i, i + 60) in pairs for i in range(60))
-    assert all(i < j for i, j in pairs) and len(pairs) < 120 * 119 / 2
+    assert all(i < j for i, j in pairs) and (0, 30) not in pairs
