@@ -141,7 +141,7 @@ def run(args: Namespace) -> None:
         raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
     _write(folder, args.json, document(outcome, lpips_text, threads, args.jobs))
     if not args.quiet:
-        print(within(results_text(outcome.rows, has_lpips=lpips is not None), TERMINAL))
+        print(within(results_text(outcome.rows), TERMINAL))
         print(f"\n{summary_line(outcome)}; {lpips_text}; results in {folder}")
 
 

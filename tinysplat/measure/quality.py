@@ -39,9 +39,6 @@ STUDY = "quality"
 IDENTITY = ("kind", "views", "model", "profile", "qp", "height", "width")
 """What rows of one group have in common."""
 
-ENCODE_STAGES = ("vpt", "vabr", "quantise", "x265", "write")
-DECODE_STAGES = ("parse", "libavcodec", "synthesis")
-
 _UNKNOWN = dict.fromkeys(("flip_raw", "flip", "lpips", "lpips_raw", "lpips_decoded_raw", "lpips_photo"))
 """Where the package or weights are missing."""
 
@@ -245,13 +242,3 @@ def mean_of_rows(rows: Sequence[Row]) -> JsonObject:
 def mean_of_scenes(rows: Sequence[Row]) -> JsonObject:
     """Means over scenes of each scene's means: a scene with many windows weighs no more than one with few."""
     return mean_of([mean_of_rows(members) for members in grouped(rows, "scene").values()])
-
-
-def encode_seconds(seconds: Mapping[str, float]) -> float:
-    """From Gaussians to bytes."""
-    return sum(seconds.get(stage, 0.0) for stage in ENCODE_STAGES)
-
-
-def decode_seconds(seconds: Mapping[str, float]) -> float:
-    """From bytes to Gaussians."""
-    return sum(seconds.get(stage, 0.0) for stage in DECODE_STAGES)
