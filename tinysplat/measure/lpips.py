@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,7 +21,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import StrPath, check_readable
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from torch.nn import Module
 
 BACKBONE_FILE = "vgg16-397923af.pth"
 """torchvision's name of the classifier's weights."""
@@ -100,19 +99,21 @@ class Lpips:
         Raises:
             InputError: a file is unreadable, or holds other weights than the net's.
         """
-        backbone = {name.removeprefix("features."): value for name, value in _load(files.backbone).items()}
-        linear = _load(files.linear)
-        self._blocks: list[tuple[list[tuple[Tensor, Tensor]], Tensor]] = []
-        place, inputs = 0, 3  # in torchvision's `features` a convolution counts two, with its ReLU, and a pooling one
+        from torch import nn
+
+        self._features, linear = nn.Sequential(), nn.ModuleDict()  # with torchvision's and lpips' names
+        self._weighed: dict[Module, Module] = {}  # by what is compared
+        inputs = 3
         for number, block in enumerate(BLOCKS):
-            convolutions = []
             for outputs in block:
-                weight = _take(backbone, f"{place}.weight", (outputs, inputs, 3, 3), files.backbone)
-                convolutions.append((weight, _take(backbone, f"{place}.bias", (outputs,), files.backbone)))
-                place, inputs = place + 2, outputs
-            weighed = _take(linear, f"lin{number}.model.1.weight", (1, inputs, 1, 1), files.linear)
-            self._blocks.append((convolutions, weighed))
-            place += 1
+                self._features.append(nn.Conv2d(inputs, outputs, 3, padding=1)).append(nn.ReLU())
+                inputs = outputs
+            model = nn.Sequential(nn.Dropout(), nn.Conv2d(inputs, 1, 1, bias=False))
+            linear[f"lin{number}"] = nn.ModuleDict({"model": model})
+            self._weighed[self._features[-1]] = model[1]
+            self._features.append(nn.MaxPool2d(2))
+        _load(self._features, files.backbone, "features.")
+        _load(linear, files.linear)
 
     def __call__(self, image: NDArray, reference: NDArray) -> float:
         """Distance of two pictures (H, W, 3) in [0, 1]; values outside are clipped, NaN of the reference are alike.
@@ -131,37 +132,25 @@ class Lpips:
         x = (pair.permute(0, 3, 1, 2) * 2 - 1 - shift) / scale  # (2, 3, H, W)
         distance = 0.0
         with torch.no_grad():
-            for number, (convolutions, linear) in enumerate(self._blocks):
-                x = torch.max_pool2d(x, 2) if number else x
-                for weight, bias in convolutions:
-                    x = torch.conv2d(x, weight, bias, padding=1).relu()
-                unit = x / (x.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
-                distance += float(torch.conv2d((unit[:1] - unit[1:]).square(), linear).mean())
+            for layer in self._features:
+                x = layer(x)
+                if weighed := self._weighed.get(layer):
+                    unit = x / (x.square().sum(1, keepdim=True).sqrt() + _NORM_EPSILON)
+                    distance += float(weighed((unit[:1] - unit[1:]).square()).mean())
         return distance
 
 
-def _load(path: Path) -> Mapping[str, Tensor]:
+def _load(module: Module, path: Path, prefix: str = "") -> None:
+    """Fill a module with a file's weights whose names begin so."""
     import torch
 
     check_readable(path)
     try:
         weights = torch.load(path, map_location="cpu", weights_only=True)
+        module.load_state_dict({n.removeprefix(prefix): v for n, v in weights.items() if n.startswith(prefix)})
     except Exception as error:  # torch raises a dozen unrelated types on damaged files
-        said = str(error).strip().split("\n")[0][:120]
-        raise InputError(f"unreadable weights ({type(error).__name__}: {said})", where=str(path)) from None
-    if not isinstance(weights, dict):
-        raise InputError("expected a dictionary of weights", where=str(path))
-    return weights
-
-
-def _take(weights: Mapping[str, Tensor], name: str, shape: tuple[int, ...], path: Path) -> Tensor:
-    import torch
-
-    value = weights.get(name)
-    if not isinstance(value, torch.Tensor) or tuple(value.shape) != shape:
-        fault = "missing" if value is None else f"of shape {tuple(getattr(value, 'shape', ()))}"
-        raise InputError(f"{fault}, expected {shape}", where=f"{path}: {name}")
-    return value.float()
+        said = " ".join(str(error).split())[:300]
+        raise InputError(f"not the net's weights ({type(error).__name__}: {said})", where=str(path)) from None
 
 
 @lru_cache(maxsize=1)

@@ -10,9 +10,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from tinysplat.measure.subjects.sources import EVAL_INDEX, parse_window, read_index
+from tinysplat.measure.subjects.sources import EVAL_INDEX, FolderSource
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from .photos import scene_folders
 from .samples import Sample, psnr, render_outputs
@@ -32,16 +31,16 @@ def validation_samples(folder: Path, kinds: Sequence[str], size: tuple[int, int]
     folders = scene_folders(folder, EVAL_INDEX)
     if not folders:
         raise InputError(f"no scene folder with {EVAL_INDEX} to validate on", where=str(folder))
-    for path in (place / EVAL_INDEX for place in folders):
-        index = read_index(path)
-        scene = load_scene(path.parent, index.get("near"), index.get("far"))
-        windows = [parse_window(entry, len(scene.frames), str(path)) for entry in index["windows"]]
+    for source in map(FolderSource, folders):
+        windows, _ = source.windows()
         for kind in kinds:
             for window in [window for window in windows if window.kind == kind][:1]:
-                views = scene.views((*window.context, *window.targets)).resized(*size)
-                K, c2w = (np.stack([getattr(camera, name) for camera in views.cameras]) for name in ("K", "c2w"))
-                pictures, count = list(zip(views.images(), K, c2w, strict=True)), len(window.context)
-                yield Sample.of(f"{scene.name} {kind}", pictures[:count], pictures[count:], scene.depth_range())
+                shots = source.shots(window, size)
+                context, targets = (
+                    [(image, camera.K, camera.c2w) for image, camera in zip(views.images, views.cameras, strict=True)]
+                    for views in (shots.context, shots.targets)
+                )
+                yield Sample.of(f"{source.name} {kind}", context, targets, (shots.near, shots.far))
 
 
 def validate(network: nn.Module, samples: Iterable[Sample]) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tinysplat_runtime.system.files import atomic_path
 
@@ -18,7 +19,7 @@ class Panel:
     Attributes:
         title: above it.
         x_label, y_label: of the axes.
-        curves: points (x, y), finite and x above 0, joined in their order; one name has one colour throughout a picture.
+        curves: points (x, y), finite and x above 0, joined in their order; one name has one colour throughout.
     """
 
     title: str
@@ -33,7 +34,7 @@ def save_panels(path: Path, panels: Sequence[Panel]) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     figure = Figure(figsize=(3.9 * len(panels) + 1.9, 3.6), layout="constrained")
-    lines = {}
+    lines: dict[str, Any] = {}
     for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         for name, points in panel.curves.items():
             colour = lines[name].get_color() if name in lines else f"C{len(lines)}"
