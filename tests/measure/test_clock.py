@@ -10,7 +10,7 @@ from pathlib import Path
 
 from scenes import refusing
 
-from tinysplat.measure.clock import measure_apart, timed
+from tinysplat.measure.clock import cpu_of, measure_apart
 from tinysplat_runtime.errors import TinySplatError
 
 
@@ -21,5 +21,5 @@ def test_a_child_that_fails_says_why(tmp_path: Path) -> None:
 
 def test_cpu_seconds_count_children():
     burn = "import time; end = time.process_time() + 0.3\nwhile time.process_time() < end: pass"
-    _, cpu = timed(lambda: subprocess.run([sys.executable, "-c", burn], check=True))
+    _, cpu = cpu_of(lambda: subprocess.run([sys.executable, "-c", burn], check=True))
     assert cpu > 0.28

@@ -1,4 +1,4 @@
-"""The one clock: wall-clock and CPU seconds of a call, and seconds and peak memory of work in a process of its own.
+"""The one clock: CPU seconds of a call, and seconds and peak memory of work in a process of its own.
 
 CPU seconds are those of this process and its children, which neighbours on a shared machine disturb less.
 """
@@ -6,7 +6,6 @@ CPU seconds are those of this process and its children, which neighbours on a sh
 from __future__ import annotations
 
 import contextlib
-import gc
 import importlib
 import json
 import resource
@@ -26,25 +25,7 @@ Figures = dict[str, Any]
 TIMEOUT_S = 3600
 """Of work in a process of its own."""
 
-SETTLE_S = 0.03
-"""Idle threads of a BLAS spin for about 20 ms after their work; a call begins when they have stopped."""
-
 T = TypeVar("T")
-Times = tuple[float, float]
-"""Wall-clock and CPU seconds of one call."""
-
-
-def timed(run: Callable[[], object]) -> Times:
-    """Time one call, without the garbage collector."""
-    gc.collect()
-    gc.disable()
-    time.sleep(SETTLE_S)
-    try:
-        wall, cpu = time.perf_counter(), _cpu_seconds()
-        run()
-        return time.perf_counter() - wall, _cpu_seconds() - cpu
-    finally:
-        gc.enable()
 
 
 def cpu_of(run: Callable[[], T]) -> tuple[T, float]:

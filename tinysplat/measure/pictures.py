@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -57,13 +56,3 @@ def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable
 def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
     """Mean PSNR over pairs of pictures (H, W, 3) float, dB."""
     return statistics.fmean(psnr(a, b) for a, b in zip(images, references, strict=True))
-
-
-def rescaled(image: NDArray, height: int, width: int) -> NDArray:
-    """A picture (H, W, 3) in [0, 1] at another size, float32 by Pillow's bicubic filter (a = −1/2), which is widened
-    where the picture shrinks; edges to edges.
-    """
-    from PIL import Image
-
-    channels = [Image.fromarray(np.ascontiguousarray(image[..., c], np.float32)) for c in range(3)]
-    return np.stack([np.asarray(c.resize((width, height), Image.Resampling.BICUBIC)) for c in channels], axis=-1)

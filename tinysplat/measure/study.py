@@ -42,7 +42,6 @@ class Options:
     """What the command line adds to a study; each takes what concerns it.
 
     Attributes:
-        models: networks; empty for all that ship.
         qps: Q_g; empty for the study's own.
         views: numbers of photos; empty for the study's own.
         limit: the largest list, and lists alone; None for the usual ones.
@@ -50,7 +49,6 @@ class Options:
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
     """
 
-    models: tuple[str, ...] = ()
     qps: tuple[float, ...] = ()
     views: tuple[int, ...] = ()
     limit: int | None = None

@@ -18,6 +18,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import read_image
+from tinysplat_runtime.scene.pictures import to_uint8
 from tinysplat_runtime.system.decibels import CEILING
 from tinysplat_runtime.system.evenly import evenly
 from tinysplat_runtime.system.files import atomic_path
@@ -56,9 +57,9 @@ class SheetPicture:
         """PSNR and SSIM of b against a."""
         return {"view": self.label, "psnr_b_to_a": psnr(self.b, self.a), "ssim_b_to_a": ssim(self.b, self.a)}
 
-    def tiles(self) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-        """Pictures (H, W, 3) float and error maps (H, W) float64 by their captions."""
-        return {"A": self.a, "B": self.b}, {f"|B - A|  {_decibel(self.b, self.a)}": error_map(self.b, self.a)}
+    def error(self) -> NDArray:
+        """(H, W) float64 mean absolute difference over the colours."""
+        return np.abs(np.asarray(self.b, np.float64) - self.a).mean(axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +69,6 @@ class Sheet:
     name: str
     title: str
     rows: tuple[SheetPicture, ...]
-
-
-def error_map(image: NDArray, reference: NDArray) -> NDArray:
-    """(H, W) float64 mean absolute difference over the colours of (H, W, 3)."""
-    return np.abs(np.asarray(image, np.float64) - reference).mean(axis=-1)
 
 
 def picture_sheet(a: Path, b: Path) -> Sheet:
@@ -127,23 +123,23 @@ def _draw(path: Path, title: str, rows: Sequence[SheetPicture]) -> None:
     from matplotlib import colormaps
     from PIL import Image, ImageDraw, ImageFont
 
-    tiles = [row.tiles() for row in rows]
-    limit = max(float(np.percentile([[*maps.values()] for _, maps in tiles], _SCALE_PERCENTILE)), 1 / 255)
+    errors = [row.error() for row in rows]
+    limit = max(float(np.percentile(errors, _SCALE_PERCENTILE)), 1 / 255)
     height, width = rows[0].a.shape[:2]
     text = min(max(width // 20, 9), 40)
-    line, columns = text + text // 2, sum(map(len, tiles[0]))
-    size = columns * (width + _GAP), 2 * line + len(rows) * (height + 2 * line)
+    line = text + text // 2
+    size = 3 * (width + _GAP), 2 * line + len(rows) * (height + 2 * line)
     sheet, colours, font = Image.new("RGB", size, "white"), colormaps["magma"], ImageFont.load_default(text)
     pen = ImageDraw.Draw(sheet)
     pen.text((0, 0), f"{title}   errors from 0 (black) to {limit:.3f} (white)", "black", font)
-    for number, (row, (pictures, maps)) in enumerate(zip(rows, tiles, strict=True)):
+    for number, (row, error) in enumerate(zip(rows, errors, strict=True)):
         top = 2 * line + number * (height + 2 * line)
-        shown = {caption: np.clip(image, 0, 1) for caption, image in pictures.items()}
-        shown |= {caption: colours(np.clip(error / limit, 0, 1))[..., :3] for caption, error in maps.items()}
-        for column, (caption, image) in enumerate(shown.items()):
+        captions = f"{row.label}   A", "B", f"|B - A|  {_decibel(row.b, row.a)}"
+        shown = row.a, row.b, colours(np.clip(error / limit, 0, 1))[..., :3]
+        for column, (caption, image) in enumerate(zip(captions, shown, strict=True)):
             left = column * (width + _GAP)
-            pen.text((left, top), caption if column else f"{row.label}   {caption}", "black", font)
-            sheet.paste(Image.fromarray(np.round(255 * image).astype(np.uint8)), (left, top + line))
+            pen.text((left, top), caption, "black", font)
+            sheet.paste(Image.fromarray(to_uint8(image)), (left, top + line))
     with atomic_path(path) as temporary:
         sheet.save(temporary, format="png", compress_level=4)  # 6, the default, takes twice as long for 1/4 fewer bytes
 

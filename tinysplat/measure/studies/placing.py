@@ -9,6 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
-from ..clock import timed
+from ..clock import cpu_of
 from ..rows import Row, of_study
 from ..show.tables import Listing, duration, format_table, mean, said
 from ..study import Run, Study
@@ -45,11 +46,12 @@ def _scene_row(name: str, scene: Scene, run: Run) -> Row:
             (photos / frame.path.name).symlink_to(frame.path.resolve())
         command = [sys.executable, "-m", "tinysplat_runtime", "poses", photos, "-o", output, "-q"]
         call = partial(subprocess.run, [*command, "--threads", str(run.threads)], capture_output=True, text=True)
-        done: list[subprocess.CompletedProcess[str]] = []
-        seconds, cpu = timed(lambda: done.append(call()))
-        row = Row(STUDY, name, "poses", {"photos": len(known)}, costs={"seconds": seconds, "cpu": cpu})
-        if done[0].returncode:
-            line = (done[0].stderr.strip().splitlines() or [f"exit status {done[0].returncode}"])[-1]
+        began = time.perf_counter()
+        done, cpu = cpu_of(call)
+        costs = {"seconds": time.perf_counter() - began, "cpu": cpu}
+        row = Row(STUDY, name, "poses", {"photos": len(known)}, costs=costs)
+        if done.returncode:
+            line = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
             return replace(row, figures={"placed": 0.0, "right": 0.0}, note=line)
         placed = {frame.path.stem: frame.camera.centre for frame in load_scene(output).frames}
     extent = float(np.linalg.norm(np.ptp(list(known.values()), axis=0)))

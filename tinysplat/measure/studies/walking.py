@@ -40,7 +40,6 @@ from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
 from ..metrics import METRICS
-from ..pictures import rescaled
 from ..rows import Row, grouped, of_study
 from ..show.plots import Panel, save_panels
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
@@ -137,8 +136,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         for pair, camera in zip(nearest, cameras, strict=True)
     ]
     yield row("own pair", 2, COMPARED, to_photos(pairs, capture.targets))
-    shown = [rescaled(given.frames[pair[0]].image(), *drawn_at(run)) for pair in nearest]
-    yield row("nearest photo", 1, COMPARED, to_photos(shown, capture.targets))
+    shown = given.views(pair[0] for pair in nearest).resized(*drawn_at(run))
+    yield row("nearest photo", 1, COMPARED, to_photos(shown.images(), capture.targets))
 
 
 def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
