@@ -13,7 +13,6 @@ import argparse
 import dataclasses
 import json
 import tempfile
-import time
 from collections import defaultdict
 from pathlib import Path
 
@@ -28,19 +27,24 @@ from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.lenses import opencv_lens
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
+from tinysplat_runtime.system.evenly import evenly
 from tinysplat_runtime.system.told import NOBODY
 
 
-def rolled(c2w, degrees):
-    turn, angle = np.eye(4), np.radians(degrees)
-    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+def turned_about(c2w, axis, degrees):
+    """A camera turned about one of its own axes."""
+    (first, second), angle = ((1, 2), (2, 0), (0, 1))[axis], np.radians(degrees)
+    turn = np.eye(4)
+    turn[[first, first, second, second], [first, second, first, second]] = (
+        *(np.cos(angle), -np.sin(angle)),
+        *(np.sin(angle), np.cos(angle)),
+    )
     return c2w @ turn
 
 
-def moved_up(c2w, by):
-    moved = c2w.copy()
-    moved[:3, 3] -= by * c2w[:3, 1]
-    return moved
+def moved(c2w, axis, by):
+    """A camera moved along one of its own axes."""
+    return c2w @ (np.eye(4) + by * np.eye(4)[:, axis, None] * np.eye(4)[3])
 
 
 def mirrored(c2w):
@@ -96,18 +100,6 @@ def bannered(image, share=0.12):
     return out
 
 
-def turned_aside(c2w, degrees):
-    turn, angle = np.eye(4), np.radians(degrees)
-    turn[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
-    return c2w @ turn
-
-
-def beside(c2w, by):
-    moved = c2w.copy()
-    moved[:3, 3] += by * c2w[:3, 0]
-    return moved
-
-
 TURNS, FOCAL, ONE = ("turned", "rolled", "upside", "their side"), ("focal",), ("photo 2",)
 BARS, ALL_BARS = ("photo 2 (1.png) has black bars",), ("all photos have black bars",)
 NOISE = np.random.default_rng(0)
@@ -116,8 +108,8 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
     "photos mirrored": (lambda i, K, p: (i[:, ::-1], K, p), ("mirrored",)),
     "photos and K turned by 90°": (lambda i, K, p: (*turned(i, K), p), TURNS),
     "photos and K turned by 270°": (lambda i, K, p: (*turned(*turned(*turned(i, K))), p), TURNS),
-    "poses rolled by 90°": (lambda i, K, p: (i, K, rolled(p, 90)), TURNS),
-    "poses rolled by 180°": (lambda i, K, p: (i, K, rolled(p, 180)), TURNS),
+    "poses rolled by 90°": (lambda i, K, p: (i, K, turned_about(p, 2, 90)), TURNS),
+    "poses rolled by 180°": (lambda i, K, p: (i, K, turned_about(p, 2, 180)), TURNS),
     "photos turned by 180°": (lambda i, K, p: (i[::-1, ::-1], K, p), TURNS),
     "focal length × 0.5": (lambda i, K, p: (i, scaled(K, 0.5, 0.5), p), FOCAL),
     "focal length × 2": (lambda i, K, p: (i, scaled(K, 2, 2), p), FOCAL),
@@ -133,10 +125,10 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
     "one photo turned by 180°": (lambda i, K, p: (i[::-1, ::-1], K, p), ONE),
     "one photo mirrored": (lambda i, K, p: (i[:, ::-1], K, p), ONE),
     "one photo negative": (lambda i, K, p: (255 - i, K, p), ONE),
-    "one pose rolled by 10°": (lambda i, K, p: (i, K, rolled(p, 10)), ONE),
-    "one pose moved up by 0.3": (lambda i, K, p: (i, K, moved_up(p, 0.3)), ONE),  # median depths are about 4
-    "one pose moved aside by 0.3": (lambda i, K, p: (i, K, beside(p, 0.3)), ONE),
-    "one pose turned aside by 6°": (lambda i, K, p: (i, K, turned_aside(p, 6)), ONE),
+    "one pose rolled by 10°": (lambda i, K, p: (i, K, turned_about(p, 2, 10)), ONE),
+    "one pose moved up by 0.3": (lambda i, K, p: (i, K, moved(p, 1, -0.3)), ONE),  # median depths are about 4
+    "one pose moved aside by 0.3": (lambda i, K, p: (i, K, moved(p, 0, 0.3)), ONE),
+    "one pose turned aside by 6°": (lambda i, K, p: (i, K, turned_about(p, 1, 6)), ONE),
     "one photo shifted by a tenth": (lambda i, K, p: (shifted(i), K, p), ONE),
     "one photo at 0.15 of its brightness": (
         lambda i, K, p: ((0.15 * i).astype(np.uint8), K, p),
@@ -153,15 +145,12 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
 
 
 def windows(folder: Path, count: int) -> dict[str, list[int]]:
-    """Photos to look at by kind and number."""
-    index = folder / "eval_index.json"
+    """Photos to look at by kind and number, a pair and four of them in any case."""
+    index, middle = folder / "eval_index.json", count // 2 - 2
     by_kind: dict[str, list[int]] = {}
     for window in json.loads(index.read_text())["windows"] if index.is_file() else ():
         by_kind.setdefault(f"{window['kind']} {len(window['context'])}", window["context"])
-    middle = count // 2 - 2
-    if not index.is_file():
-        by_kind = {"near 2": [middle, middle + 1], "four 4": [*range(middle, middle + 4)]}
-    return by_kind
+    return by_kind or {"near 2": [middle, middle + 1], "four 4": [*range(middle, middle + 4)]}
 
 
 def with_fault(scene: Scene, images, fault, folder: Path, only: int | None, k1: float = 0.0) -> Scene:
@@ -192,73 +181,63 @@ def found(scene: Scene, kinds: dict[str, list[int]]) -> list[str]:
     return next(iter(lines.values()), [])
 
 
+def look_at_right(folder: Path, scene: Scene, by_kind: dict[str, list[int]]) -> list[list[str]]:
+    """What is said of a scene's own cameras, window by window."""
+    sets = [(kind, scene.views(views)) for kind, views in by_kind.items()]
+    if len(scene.frames) >= 12:
+        sets.append(("spread 12", dataclasses.replace(scene.views(evenly(len(scene.frames), 12)), near=None, far=None)))
+    said = []
+    for kind, chosen in sets:
+        try:
+            said.append(found(prepared(EncodeRequest(chosen)), defaultdict(lambda: [0, 0])))
+        except InputError as error:
+            print(f"{folder.name} {kind}: refused, {error}")
+            continue
+        if said[-1]:
+            print(f"alarm: {folder.name} {kind}: {said[-1][0]}", flush=True)
+    return said
+
+
+def look_at_wrong(folder: Path, window: Scene, size: str, faults: str, kinds: dict, tally: dict) -> None:
+    """Put every fault whose name holds a word into a window; `tally` counts what is found, named, and tried."""
+    images = [np.rint(255 * image).astype(np.uint8) for image in window.images()]
+    for name, (fault, words) in FAULTS.items():
+        if faults not in name or (size == "pair" and name.startswith(("one ", "banner"))):
+            continue
+        with tempfile.TemporaryDirectory() as place:
+            only = 1 if name.startswith("one ") else None
+            lines = found(with_fault(window, images, fault, Path(place), only, 50.0 * (name == "k1 of 50")), kinds)
+        is_named = any(word in line for line in lines for word in words)
+        tally[name, size] += bool(lines), is_named, 1
+        if not is_named:
+            print(f"{folder.name} {size} {name}: {lines[0] if lines else 'nothing'}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--right", action="store_true", help="right cameras only")
     parser.add_argument("--faults", default="", help="only those whose names hold this")
     options = parser.parse_args()
-    tally, kinds, alarms, right, seconds = defaultdict(lambda: [0, 0, 0]), defaultdict(lambda: [0, 0]), [], 0, []
+    tally, kinds, right = defaultdict(lambda: np.zeros(3, int)), defaultdict(lambda: [0, 0]), []
     for folder in options.scenes:
         scene = ts.load_scene(folder)
         by_kind = windows(folder, len(scene.frames))
-        sets = [(kind, scene.views(views)) for kind, views in by_kind.items()]
-        if len(scene.frames) >= 12:
-            spread = np.linspace(0, len(scene.frames) - 1, 12).round().astype(int).tolist()
-            sets.append(("spread 12", dataclasses.replace(scene.views(spread), near=None, far=None)))
-        for kind, chosen in sets:
-            try:
-                ready = prepared(EncodeRequest(chosen))
-            except InputError as error:
-                print(f"{folder.name} {kind}: refused, {error}")
-                continue
-            began = time.process_time()
-            lines = found(ready, defaultdict(lambda: [0, 0]))
-            seconds.append(time.process_time() - began)
-            right += 1
-            if lines:
-                alarms.append(f"{folder.name} {kind}: {lines[0]}")
-                print("alarm:", alarms[-1], flush=True)
-        if options.right:
-            continue
-        pair = next((views for views in by_kind.values() if len(views) == 2), None)
-        four = next((views for views in by_kind.values() if len(views) == 4), None)
-        if four is None:
+        right += look_at_right(folder, scene, by_kind)
+        for size, count in (("pair", 2), ("four", 4)) if not options.right else ():
             start = len(scene.frames) // 2 - 2
-            four = list(range(start, start + 4))
-        for size, views in (("pair", pair), ("four", four)):
-            if views is None:
-                continue
+            views = next((views for views in by_kind.values() if len(views) == count), [*range(start, start + count)])
             window = scene.views(views)
             if window.near is None:
                 window = prepared(EncodeRequest(window))
-            images = [np.rint(255 * image).astype(np.uint8) for image in window.images()]
-            for name, (fault, words) in FAULTS.items():
-                if options.faults not in name:
-                    continue
-                if name.startswith(("one ", "banner")) and size == "pair":
-                    continue
-                with tempfile.TemporaryDirectory() as place:
-                    only = 1 if name.startswith("one ") else None
-                    began = time.process_time()
-                    wrong = with_fault(window, images, fault, Path(place), only, 50.0 * (name == "k1 of 50"))
-                    lines = found(wrong, kinds)
-                    seconds.append(time.process_time() - began)
-                row = tally[name, size]
-                row[0] += bool(lines)
-                row[1] += any(word in line for line in lines for word in words)
-                row[2] += 1
-                if not any(word in line for line in lines for word in words):
-                    print(f"{folder.name} {size} {name}: {lines[0] if lines else 'nothing'}", flush=True)
+            look_at_wrong(folder, window, size, options.faults, kinds, tally)
     for (name, size), (seen, named, of) in tally.items():
         print(f"{name}, {size}: found {seen}, named {named} of {of}")
     if tally:
-        seen, named, of = np.sum([*tally.values()], axis=0)
-        print(f"all: found {seen}, named {named} of {of}")
+        print("all: found {}, named {} of {}".format(*sum(tally.values())))
     for name, (first, alone) in kinds.items():
         print(f"{name}: first to find {first}, alone {alone}")
-    print(f"right cameras: {len(alarms)} of {right} warned of")
-    print(f"CPU s of a look: median {np.median(seconds):.2f}, most {max(seconds):.2f}")
+    print(f"right cameras: {sum(map(bool, right))} of {len(right)} warned of")
 
 
 if __name__ == "__main__":
