@@ -7,6 +7,7 @@ here are the steps that concern the file. `export/network.py` puts them together
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -86,7 +87,8 @@ def export_program(
     from onnxscript import optimizer
 
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it reports libraries that nothing here uses
-    with torch.no_grad():
+    with torch.no_grad(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporter's own deprecations; what matters is parity
         program: Any = torch.onnx.export(
             module.eval(),
             tuple(inputs.values()),
