@@ -30,7 +30,7 @@ from ..gaussian.notes import MAX_BYTES, known_notes
 from ..scene.cameras import Camera
 from ..system.files import parsing
 from ..system.jsonfields import parse_object
-from .assembly import Contents
+from .assembly import Contents, WriteOptions
 
 MAX_EXPANSION = 100
 """Most bytes of array per byte of a compressed file beyond MIN_BUDGET. Real Gaussians reach 2, bombs 1,000."""
@@ -149,7 +149,7 @@ def viewpoint_arrays(cameras: Sequence[Camera]) -> dict[str, NDArray]:
     }
 
 
-def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
+def write_npz(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """Write all layers, cameras and notes; nothing is lost, so the list is empty."""
     arrays = _arrays(gaussians)
     if gaussians.notes:
@@ -162,7 +162,7 @@ def write_npz(path: Path, gaussians: Gaussians) -> list[str]:
     return []
 
 
-def write_safetensors(path: Path, gaussians: Gaussians) -> list[str]:
+def write_safetensors(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """As `write_npz`; ImportError if safetensors is not installed."""
     from safetensors.numpy import save_file
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera, check_is_in_pixels
+from . import SH_BITS, SPZ_VERSION
 
 ORIGIN_TOLERANCE = 1e-6
 """Largest rounding of means, relative to the distance from the nearest camera, that needs no origin."""
@@ -25,6 +26,19 @@ ORIGIN_TOLERANCE = 1e-6
 
 Contents: TypeAlias = tuple[dict[str, NDArray], Mapping[str, Any]]
 """What a reader gives: arrays by name, and fields of `Notes`."""
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """What a user may say about how a file is written.
+
+    Attributes:
+        sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
+        spz_version: 2, 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
+    """
+
+    sh_bits: tuple[int, int] = SH_BITS
+    spz_version: int = SPZ_VERSION
 
 
 @dataclass(frozen=True)
@@ -168,7 +182,10 @@ def _layer_cameras(arrays: Mapping[str, NDArray], prefix: str, lead: tuple[int, 
     for name, array, shape in ((f"{prefix}K", K, (lead[0], 3, 3)), (f"{prefix}c2w", c2w, (lead[0], 4, 4))):
         if array.shape != shape:
             raise InputError(f"shape {array.shape}, expected {shape}", where=name)
-    return tuple(_camera(prefix, v, K[v], c2w[v], lead) for v in range(lead[0]))
+    cameras = _cameras(prefix, K, c2w, [(lead[2], lead[1])] * lead[0])
+    for v, camera in enumerate(cameras):
+        check_is_in_pixels(camera, f"{prefix}K[{v}]")
+    return cameras
 
 
 def _viewpoints(arrays: Mapping[str, NDArray]) -> tuple[Camera, ...]:
@@ -184,23 +201,19 @@ def _viewpoints(arrays: Mapping[str, NDArray]) -> tuple[Camera, ...]:
             where=", ".join(names),
         )
     K, c2w, sizes = stored
+    whole = [[int(side) if float(side).is_integer() else -1 for side in size] for size in sizes]
+    return _cameras("viewpoint_", K, c2w, whole)
+
+
+def _cameras(prefix: str, K: NDArray, c2w: NDArray, sizes: Sequence[Sequence[int]]) -> tuple[Camera, ...]:
+    """Cameras of K (V, 3, 3), c2w (V, 4, 4) and sizes, width and height; errors name the array and the view."""
     cameras = []
-    for number in range(count):
+    for v, (width, height) in enumerate(sizes):
         try:
-            width, height = (int(side) if float(side).is_integer() else -1 for side in sizes[number])
-            cameras.append(Camera(K[number], c2w[number], width, height))
+            cameras.append(Camera(K[v], c2w[v], width, height))
         except InputError as error:
-            raise InputError(error.message, where=f"viewpoint_{error.where}[{number}]") from None
+            raise InputError(error.message, where=f"{prefix}{error.where}[{v}]") from None
     return tuple(cameras)
-
-
-def _camera(prefix: str, v: int, K: NDArray, c2w: NDArray, lead: tuple[int, ...]) -> Camera:
-    try:
-        camera = Camera(K, c2w, width=lead[2], height=lead[1])
-    except InputError as error:
-        raise InputError(error.message, where=f"{prefix}{error.where}[{v}]") from None
-    check_is_in_pixels(camera, f"{prefix}K[{v}]")
-    return camera
 
 
 def _centres(cameras: Sequence[Camera]) -> NDArray:

@@ -22,7 +22,7 @@ from ..gaussian.curve import morton_order
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..gaussian.sh import C0
-from .assembly import PointCloud, cut_degree_note, far_note
+from .assembly import PointCloud, WriteOptions, cut_degree_note, far_note
 from .ply_notes import ply_comments
 
 CHUNK = 256
@@ -39,7 +39,7 @@ _LOG_SCALE_LIMIT = 20.0
 _SH_COUNTS = (0, 9, 24, 45)  # of degrees 0 to 3, without the first band
 
 
-def save_compressed_ply(path: Path, gaussians: Gaussians) -> list[str]:
+def save_compressed_ply(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """Write Gaussians of any shape as points in Morton order, SH up to degree MAX_DEGREE; what is lost, one line each.
 
     Raises:

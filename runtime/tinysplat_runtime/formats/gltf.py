@@ -27,7 +27,7 @@ from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
 from ..system.jsonfields import JsonObject
-from .assembly import cut_degree_note
+from .assembly import WriteOptions, cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
 
 EXTENSION = "KHR_gaussian_splatting"
@@ -47,7 +47,7 @@ _KERNEL = {
 }
 
 
-def write_gltf(path: Path, gaussians: Gaussians) -> list[str]:
+def write_gltf(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """Write Gaussians as `.glb`, or as `.gltf` with its buffer inside.
 
     Args:

@@ -26,7 +26,7 @@ from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..system.files import parsing
 from ..system.ply import ply_elements
-from .assembly import Contents, PointCloud, cut_degree_note
+from .assembly import Contents, PointCloud, WriteOptions, cut_degree_note
 from .compressed_ply import compressed_arrays, is_compressed
 from .ply_notes import ply_comments, ply_notes
 
@@ -131,7 +131,7 @@ def _meanings(ignored: Sequence[str], *, is_flat: bool) -> list[str]:
     return lines
 
 
-def save_ply(path: Path, gaussians: Gaussians) -> list[str]:
+def save_ply(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """Write Gaussians of any shape as points; what is lost or unusual, one line each.
 
     SH above degree MAX_PLY_DEGREE is left out, opacities 0 and 1 and scales 0 move by less than 1e-7. Positions are

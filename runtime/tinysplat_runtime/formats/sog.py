@@ -36,7 +36,7 @@ from ..gaussian.quaternions import from_smallest_three, normalize_quats, smalles
 from ..scene.intake.fields import Fields
 from ..system.files import parsing, read_limited, write_atomically
 from ..system.jsonfields import JsonObject, parse_object
-from .assembly import Contents, PointCloud, cut_degree_note, far_note, joined
+from .assembly import Contents, PointCloud, WriteOptions, cut_degree_note, far_note, joined
 from .palette import codebook, nearest, palette
 
 META = "meta.json"
@@ -58,7 +58,7 @@ _TAG = 252
 # ---- out -----------------------------------------------------------------------------------------------------------
 
 
-def save_sog(path: Path, gaussians: Gaussians) -> list[str]:
+def save_sog(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """Write points as one zip file, or beside a `meta.json`; SH above degree MAX_DEGREE is left out.
 
     Args:
@@ -74,7 +74,7 @@ def save_sog(path: Path, gaussians: Gaussians) -> list[str]:
     """
     points = PointCloud.of(gaussians)
     told = {"model": MODEL} if gaussians.notes.antialiased else {}
-    *pictures, (_, meta) = _files(points.gaussians, points.means, told)
+    *pictures, (_name, meta) = _files(points.gaussians, points.means, told)
     if path.suffix == ".json":
         for name, data in pictures:
             write_atomically(path.parent / name, data)

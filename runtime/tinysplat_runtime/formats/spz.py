@@ -23,8 +23,7 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
-from . import SH_BITS, SPZ_VERSION
-from .assembly import Contents, cut_degree_note
+from .assembly import Contents, PointCloud, WriteOptions, cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, pack_blocks, read_blocks
 
@@ -37,29 +36,20 @@ _FIXED_LIMIT = (1 << 23) - 1
 _COMPONENT_BITS, _COMPONENT_MASK = 10, (1 << 9) - 1
 
 
-def encode_spz(
-    gaussians: Gaussians, means: NDArray, sh_bits: tuple[int, int] = SH_BITS, version: int = SPZ_VERSION
-) -> tuple[bytes, list[str]]:
-    """Points as the bytes of an SPZ file.
-
-    Args:
-        gaussians: (N,), without layers; whether they are antialiased is a flag of the header.
-        means: (N, 3) float64 world positions.
-        sh_bits: bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8 each.
-        version: of the format, one of WRITES.
-
-    Returns:
-        The bytes, and what the format could not keep, one line each.
+def write_spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
+    """Write Gaussians of any shape as points; what the format could not keep, one line each.
 
     Raises:
-        InputError: another version, or positions too far away for the format.
+        InputError: another version than those of WRITES, or positions too far away for the format.
         ImportError: version 4, and zstandard is not installed.
     """
+    version, cloud = options.spz_version, PointCloud.of(gaussians)
     if version not in WRITES:
         raise InputError(f"{version}, expected {', '.join(map(str, WRITES))}", where="SPZ version")
+    gaussians = cloud.gaussians
     degree = min(gaussians.degree, _MAX_DEGREE[version])
     notes = cut_degree_note(gaussians, _MAX_DEGREE[version], f".spz version {version}")
-    points = means.astype(np.float64) * HALF_TURN
+    points = cloud.means * HALF_TURN
     fixed, bits = fixed_points(points)
     notes += _position_notes(points, bits, gaussians.scales)
     log_scales = np.log(np.maximum(gaussians.scales, 1e-30))
@@ -79,10 +69,11 @@ def encode_spz(
         _bytes(colour),
         _bytes(scale_codes),
         _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
-        _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], sh_bits).reshape(len(points), -1),
+        _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], options.sh_bits).reshape(len(points), -1),
     ]
     header = SpzHeader(version, len(points), degree, bits, bool(gaussians.notes.antialiased))
-    return pack_blocks(header, blocks), notes
+    path.write_bytes(pack_blocks(header, blocks))
+    return notes
 
 
 def fixed_points(points: NDArray) -> tuple[NDArray, int]:

@@ -22,24 +22,11 @@ from ..gaussian.notes import NAMES, Notes
 from ..scene.cameras import Camera
 from ..system.files import StrPath, atomic_path, check_readable
 from . import SH_BITS, SPZ_VERSION
-from .assembly import Contents
+from .assembly import Contents, WriteOptions
 from .viewpoints import cameras_beside
 
 MAX_BYTES = 8 << 30
 """Most memory that the arrays of one file may take: 24 million Gaussians of SH degree 4."""
-
-
-@dataclass(frozen=True)
-class WriteOptions:
-    """What a user may say about how a file is written.
-
-    Attributes:
-        sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
-        spz_version: 2, 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
-    """
-
-    sh_bits: tuple[int, int] = SH_BITS
-    spz_version: int = SPZ_VERSION
 
 
 @dataclass(frozen=True)
@@ -73,59 +60,43 @@ def _from(place: str) -> Callable[..., Any]:
     return lambda *arguments: getattr(importlib.import_module(f".{module}", __package__), name)(*arguments)
 
 
-def _to(place: str) -> Callable[..., list[str]]:
-    """The same of a writer that knows no options."""
-    write = _from(place)
-    return lambda path, gaussians, options: write(path, gaussians)
-
-
-def _spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[str]:
-    from .assembly import PointCloud
-    from .spz import encode_spz
-
-    points = PointCloud.of(gaussians)
-    data, notes = encode_spz(points.gaussians, points.means, options.sh_bits, options.spz_version)
-    path.write_bytes(data)
-    return notes
-
-
 FORMATS = (
     Format(
         "npz", (".npz",), "everything, exactly", "numpy", "",
-        _from("arrays.read_npz"), _to("arrays.write_npz"),
+        _from("arrays.read_npz"), _from("arrays.write_npz"),
     ),
     Format(
         "safetensors", (".safetensors",), "everything, exactly", "safetensors", "io",
-        _from("arrays.read_safetensors"), _to("arrays.write_safetensors"),
+        _from("arrays.read_safetensors"), _from("arrays.write_safetensors"),
     ),
     Format(
         "compressed PLY", (".compressed.ply",), "a list; 8 to 11 bits of their chunk's range, SH to degree 3",
         "gaussforge", "io",
-        _from("ply.read_ply"), _to("compressed_ply.save_compressed_ply"),
+        _from("ply.read_ply"), _from("compressed_ply.save_compressed_ply"),
     ),
     Format(
         "PLY (3DGS)", (".ply",), "a list, float, SH to degree 3", "plyfile, splat-transform", "io",
-        _from("ply.read_ply"), _to("ply.save_ply"),
+        _from("ply.read_ply"), _from("ply.save_ply"),
     ),
     Format(
         "SPZ", (".spz",), "a list, 24-bit positions, bytes, SH to degree 3 (4 in version 4)",
         "gaussforge, splat-transform", "io",
-        _from("spz.read_spz"), _spz, ("antialiased",),
+        _from("spz.read_spz"), _from("spz.write_spz"), ("antialiased",),
     ),
     Format(
         "glTF", (".glb", ".gltf"), "a list, float, SH to degree 3; cameras, origin, notes",
         "three.js, Babylon.js, CesiumJS", "",
-        _from("gltf_reader.read_gltf"), _to("gltf.write_gltf"),
+        _from("gltf_reader.read_gltf"), _from("gltf.write_gltf"),
     ),
     Format(
         "SOG", (".sog", "meta.json"), "a list, 16-bit positions, codebooks, SH to degree 3 from a palette",
         "gaussforge", "io",
-        _from("sog.read_sog"), _to("sog.save_sog"), ("antialiased",),
+        _from("sog.read_sog"), _from("sog.save_sog"), ("antialiased",),
     ),
     Format(
         "USD", (".usd", ".usda", ".usdc", ".usdz"), "a list, float, SH to degree 4, origin, notes",
         "usd-core", "usd",
-        _from("usd.read_usd"), _to("usd.write_usd"),
+        _from("usd.read_usd"), _from("usd.write_usd"),
     ),
     Format("splat", (".splat",), "a list, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
 )  # fmt: skip

@@ -25,7 +25,7 @@ from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..system.files import parsing
-from .assembly import Contents
+from .assembly import Contents, WriteOptions
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .usd_worker import NOTE_KEY
 
@@ -35,7 +35,7 @@ PRIM = "/Scene/Gaussians"
 _SECONDS = 300
 
 
-def write_usd(path: Path, gaussians: Gaussians) -> list[str]:
+def write_usd(path: Path, gaussians: Gaussians, _: WriteOptions) -> list[str]:
     """Write points.
 
     Args:

@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, warn
+from ..errors import InputError, warn, within
 from ..gaussian.editing import moved_camera
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..scene.cameras import Camera, finite_array
-from ..system.files import StrPath, read_limited, write_atomically
-from ..system.jsonfields import parse_object
+from ..system.files import StrPath, parsing, read_limited, write_atomically
+from ..system.jsonfields import parse_json
 
 SUFFIX = ".cameras.json"
 CAMERAS_FILE, TRANSFORMS_FILE, MOVED_FILE = "cameras.json", "transforms.json", "dataparser_transforms.json"
@@ -99,23 +99,20 @@ def _as_trained(cameras: Sequence[Camera], moved: Path, transforms: Path) -> lis
     """Cameras of a `transforms.json` where nerfstudio had them when it trained: s·(T·A⁻¹·x), T and s as it wrote them
     down and A what had been applied to the file's own cameras.
     """
+    from ..scene.intake.fields import Fields
     from ..scene.scenes import MAX_CAMERAS_BYTES
 
-    told = parse_object(read_limited(moved, MAX_CAMERAS_BYTES))
-    own = parse_object(read_limited(transforms, MAX_CAMERAS_BYTES))
+    told, own = (Fields(parse_json(read_limited(file, MAX_CAMERAS_BYTES))) for file in (moved, transforms))
     identity = np.eye(4)[:3].tolist()
-    try:
+    with within(str(moved)):
         whole, applied = (
-            np.vstack([finite_array(name, given.get(name, identity), (3, 4)), [0, 0, 0, 1]])
+            np.vstack([finite_array(name, given.value(name, identity), (3, 4)), [0, 0, 0, 1]])
             for name, given in (("transform", told), ("applied_transform", own))
         )
-        scale = float(told.get("scale", 1)) / float(own.get("applied_scale", 1))
-        motion = whole @ np.linalg.inv(applied)
+        scale = told.number("scale", 1) / (own.number("applied_scale", 1) or 1)
+        with parsing("applied_transform"):
+            motion = whole @ np.linalg.inv(applied)
         return [moved_camera(camera, motion[:3, :3], scale, scale * motion[:3, 3]) for camera in cameras]
-    except InputError as error:
-        raise error.within(str(moved)) from None
-    except (TypeError, ValueError, ZeroDivisionError, np.linalg.LinAlgError):
-        raise InputError("expected transform, 3x4, and scale, a number", where=str(moved)) from None
 
 
 def save_beside(path: Path, gaussians: Gaussians) -> Path:
