@@ -26,6 +26,7 @@ from ..gaussian.notes import Notes
 from ..gaussian.quaternions import normalize_quats
 from ..gaussian.sh import C0
 from ..scene.cameras import Camera
+from ..scene.colours import decoded_srgb
 from ..system.jsonfields import JsonObject
 from .assembly import WriteOptions, cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, sh_signs
@@ -99,8 +100,7 @@ def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
     quats = normalize_quats(gaussians.quats.astype(np.float64)) * QUAT_SIGNS
     sh = gaussians.sh[:, : (degree + 1) ** 2] * sh_signs(degree)[:, None]  # (N, B, 3)
     colour = (0.5 + C0 * gaussians.sh[:, 0]).clip(0, 1)
-    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
-    fallback = np.concatenate([linear, gaussians.opacities[:, None]], axis=1)
+    fallback = np.concatenate([decoded_srgb(colour), gaussians.opacities[:, None]], axis=1)
     arrays = {
         "POSITION": gaussians.means * HALF_TURN,
         f"{EXTENSION}:ROTATION": np.roll(quats, -1, axis=1),

@@ -18,7 +18,7 @@ from ..scene.cameras import Camera
 from .gaussians import Gaussians, joined
 from .notes import Notes
 from .quaternions import matrices_to_quats, multiply_quats
-from .sh import sh_basis
+from .sh import sh_basis, spread_directions
 
 _DIRECTIONS = 64  # more than the 25 functions of degree 4, so that the fit below is exact
 
@@ -161,11 +161,7 @@ def rotate_sh(sh: NDArray, rotation: NDArray) -> NDArray:
     it must carry over: Y(d) A = Y(Rᵀ d).
     """
     degree = int(np.sqrt(sh.shape[-2])) - 1
-    i = np.arange(_DIRECTIONS) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * i / _DIRECTIONS), np.pi * (1 + 5**0.5) * i  # a Fibonacci lattice
-    directions = np.stack(
-        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1
-    )  # (64, 3)
+    directions = spread_directions(_DIRECTIONS)
     here, there = sh_basis(directions, degree), sh_basis(directions @ rotation, degree)  # (64, B)
     turned = np.empty(sh.shape, np.float64)
     for n in range(degree + 1):

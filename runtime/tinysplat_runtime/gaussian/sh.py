@@ -116,6 +116,13 @@ def sh_terms(x: Number, y: Number, z: Number, degree: int) -> list[Number]:
     return terms
 
 
+def spread_directions(count: int) -> NDArray:
+    """(n, 3) float64 unit vectors, as evenly spread as a Fibonacci lattice is."""
+    i = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * i / count), np.pi * (1 + 5**0.5) * i
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
+
+
 def sh_basis(directions: NDArray, degree: int) -> NDArray:
     """Evaluate the basis.
 

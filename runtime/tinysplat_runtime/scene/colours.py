@@ -63,7 +63,7 @@ def of_code_points(primaries: int, transfer: int) -> Colours | None:
     if not is_hdr and transfer != LINEAR and primaries not in _PRIMARIES:
         return None
     values = np.linspace(0, 1, _VALUES)
-    curve = _CURVES.get(transfer, _decoded)(values)
+    curve = _CURVES.get(transfer, decoded_srgb)(values)
     meant = _BT2020 if is_hdr and primaries == _UNSPECIFIED else primaries
     matrix = _between(_PRIMARIES.get(meant, _SRGB_PRIMARIES))
     return Colours(np.tile(curve.astype(np.float32), (3, 1)), matrix, is_hdr)
@@ -116,13 +116,16 @@ def to_srgb(pixels: NDArray, colours: Colours) -> NDArray:
 
 @lru_cache(maxsize=1)
 def _encoded() -> NDArray:
-    """(65536,) uint8 sRGB of evenly spaced linear light (IEC 61966-2-1)."""
-    light = np.linspace(0, 1, _VALUES)
-    values = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.rint(255 * values).astype(np.uint8)
+    """(65536,) uint8 sRGB of evenly spaced linear light."""
+    return np.rint(255 * encoded_srgb(np.linspace(0, 1, _VALUES))).astype(np.uint8)
 
 
-def _decoded(values: NDArray) -> NDArray:
+def encoded_srgb(light: NDArray) -> NDArray:
+    """sRGB values of linear light, 0 or more (IEC 61966-2-1)."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def decoded_srgb(values: NDArray) -> NDArray:
     """Linear light of sRGB values."""
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 

@@ -112,22 +112,19 @@ class Neighbours:
 
     def parts(self) -> list[list[int]]:
         """Photos of one place each: those that partners join, however many lie between them; by their first."""
-        first = list(range(len(self.partners)))
-
-        def root(v: int) -> int:
-            while first[v] != v:
-                first[v] = first[first[v]]
-                v = first[v]
-            return v
-
+        beside: list[set[int]] = [set(partners) for partners in self.partners]
         for v, partners in enumerate(self.partners):
             for u in partners:
-                low, high = sorted((root(u), root(v)))
-                first[high] = low
-        by_root: dict[int, list[int]] = {}
-        for v in range(len(first)):
-            by_root.setdefault(root(v), []).append(v)
-        return list(by_root.values())
+                beside[u].add(v)
+        parts, left = [], set(range(len(beside)))
+        while left:
+            part, new = set[int](), {min(left)}
+            while new:
+                part |= new
+                new = set().union(*(beside[v] for v in new)) - part
+            parts.append(sorted(part))
+            left -= part
+        return parts
 
 
 def view_places(cameras: Sequence[Camera], near: float, far: float) -> NDArray:

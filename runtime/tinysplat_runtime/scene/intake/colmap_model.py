@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from .tracked import turned
 
 CameraWords = tuple[str, tuple[float, ...], int, int]
 """Model, parameters, width and height: what a `Lens` is made of."""
@@ -111,9 +112,7 @@ def _photo(folder: Path, record: Record, cameras: dict[int, CameraWords]) -> Mod
     length = float(np.linalg.norm(quat))
     if not 0 < length < np.inf or not np.isfinite((x, y, z)).all():
         raise _damaged(folder, "images: a pose that is none")
-    w, i, j, k = np.array(quat) / length
-    across = np.array([[0, -k, j], [k, 0, -i], [-j, i, 0]])
-    rotation = np.eye(3) + 2 * (w * across + across @ across)
+    rotation = turned(*(np.array(quat) / length).tolist())
     return ModelPhoto(_decoded(name), np.column_stack([rotation, (x, y, z)]), cameras[camera])
 
 

@@ -25,7 +25,7 @@ from ...system.jsonfields import JsonObject, kind_of, parse_json
 from ..scenes import MAX_CAMERAS_BYTES, Scene
 from .fields import Fields
 from .nerfstudio import OPENGL_TO_OPENCV, frames_of
-from .tracked import posed
+from .tracked import posed, turned
 
 POLYCAM, RECORD3D, OPENSFM = "keyframes", "metadata.json", "reconstruction.json"
 
@@ -133,5 +133,4 @@ def _rotation(w: float, x: float, y: float, z: float, where: str) -> NDArray:
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if not abs(length - 1) < 0.1:
         raise InputError(f"a quaternion of length {length:g}, expected 1", where=where)
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) / length
-    return np.eye(3) + 2 * (w / length * across + across @ across)
+    return turned(w / length, x / length, y / length, z / length)

@@ -111,6 +111,12 @@ def number(where: str, word: object) -> float:
     return float(numbers(where, [word], 1)[0])
 
 
+def turned(w: float, x: float, y: float, z: float) -> NDArray:
+    """(3, 3) of a unit quaternion."""
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * (w * across + across @ across)
+
+
 def posed(rotation: NDArray, centre: NDArray) -> NDArray:
     """(4, 4) of a rotation (3, 3) and a centre (3,), camera to world."""
     c2w = np.eye(4)
