@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.cameras import Camera, intrinsics
 from tinysplat_runtime.scene.images import MAX_PIXELS
 from tinysplat_runtime.scene.intake.realestate import pose_of
-from tinysplat_runtime.scene.lenses import intrinsics
 from tinysplat_runtime.system.files import StrPath, check_readable
 from tinysplat_runtime.system.jsonfields import JsonObject
 

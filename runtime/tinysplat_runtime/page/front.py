@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.sh import C0
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, intrinsics, posed
 from ..scene.frusta import points_seen, sees
 from ..scene.look import range_guessed
 
@@ -68,11 +68,8 @@ def front_of(gaussians: Gaussians) -> Camera:
         np.stack(np.meshgrid(*np.stack([low, high], axis=1) - middle[:, None]), axis=-1).reshape(-1, 3) @ rotation.T
     )
     away = float((2 * np.abs(corners[:, :2]).max(axis=1) / FILLED - corners[:, 2]).max()) or 1.0
-    c2w = np.eye(4)
-    c2w[:3, :3] = rotation.T
-    c2w[:3, 3] = gaussians.origin + middle - away * rotation[2]
-    K = np.array([[SIZE, 0, SIZE / 2], [0, SIZE, SIZE / 2], [0, 0, 1.0]])
-    return Camera(K, c2w, SIZE, SIZE)
+    c2w = posed(rotation.T, gaussians.origin + middle - away * rotation[2])
+    return Camera(intrinsics(SIZE, SIZE, SIZE / 2, SIZE / 2), c2w, SIZE, SIZE)
 
 
 def _turned(angle: float) -> NDArray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import matrices_to_quats, quats_to_matrices
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, intrinsics, posed
 from ..system.blas import product, symmetric_eigen
 
 ORBIT_RADIUS = 0.04
@@ -53,7 +53,7 @@ def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
         a, b, s = cameras[i], cameras[j], t - i
         quat = _slerp(quats[i], quats[j], s) if len(cameras) < 3 else _curve(quats, i, s)
         rotation = quats_to_matrices(quat / np.linalg.norm(quat))
-        path.append(_camera((1 - s) * a.K + s * b.K, rotation, _curve(centres, i, s), a.width, a.height))
+        path.append(Camera((1 - s) * a.K + s * b.K, posed(rotation, _curve(centres, i, s)), a.width, a.height))
     return path
 
 
@@ -103,15 +103,15 @@ def orbit(cameras: Sequence[Camera], frames: int, depth: float) -> list[Camera]:
     for angle in 2 * math.pi * np.arange(frames) / frames:
         shift = radius_x * math.cos(angle) * rotation[:, 0] + radius_y * math.sin(angle) * rotation[:, 1]
         turned = looking_along(target - (centre + shift), down=rotation[:, 1])
-        path.append(_camera(K, turned, centre + shift, cameras[0].width, cameras[0].height))
+        path.append(Camera(K, posed(turned, centre + shift), cameras[0].width, cameras[0].height))
     return path
 
 
 def outside(gaussians: Gaussians) -> Camera:
     """A view of Gaussians that have none, 800×600: in front of all but strays, y down as .ply scenes have it."""
     middle, length = _bulk(gaussians)
-    K = np.array([[600, 0, 400], [0, 600, 300], [0, 0, 1]])
-    return _camera(K, np.eye(3), middle - (0, 0, 1.5 * length or 1.0), 800, 600)
+    c2w = posed(np.eye(3), middle - (0, 0, 1.5 * length or 1.0))
+    return Camera(intrinsics(600, 600, 400, 300), c2w, 800, 600)
 
 
 def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
@@ -121,13 +121,13 @@ def ring(gaussians: Gaussians, frames: int) -> list[Camera]:
     """
     target, length = _bulk(gaussians)
     distance = 1.2 * length or 1.0
-    K = np.array([[RING_SIDE, 0, RING_SIDE / 2], [0, RING_SIDE, RING_SIDE / 2], [0, 0, 1]])
+    K = intrinsics(RING_SIDE, RING_SIDE, RING_SIDE / 2, RING_SIDE / 2)
     views = []
     for number in range(frames):
         turn, rise = 2 * math.pi * number / frames + 0.3, 0.25 * (-1) ** number
         towards = np.array([math.sin(turn) * math.cos(rise), math.sin(rise), math.cos(turn) * math.cos(rise)])
         turned = looking_along(-towards, down=np.array([0.0, 1.0, 0.0]))
-        views.append(_camera(K, turned, target + distance * towards, RING_SIDE, RING_SIDE))
+        views.append(Camera(K, posed(turned, target + distance * towards), RING_SIDE, RING_SIDE))
     return views
 
 
@@ -146,13 +146,6 @@ def _check(cameras: Sequence[Camera], frames: int) -> None:
         raise InputError(f"images of {sorted(sizes)[:3]} (height, width), expected one size", where="cameras")
     if isinstance(frames, bool) or not isinstance(frames, (int, np.integer)) or frames < 1:
         raise InputError(f"{frames!r}, expected a whole number above 0", where="frames")
-
-
-def _camera(K: NDArray, rotation: NDArray, centre: NDArray, width: int, height: int) -> Camera:
-    """From a rotation (3, 3), camera to world."""
-    c2w = np.eye(4)
-    c2w[:3, :3], c2w[:3, 3] = rotation, centre
-    return Camera(K, c2w, width, height)
 
 
 def _slerp(a: NDArray, b: NDArray, s: float) -> NDArray:

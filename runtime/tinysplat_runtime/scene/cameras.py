@@ -44,6 +44,18 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray
     return array
 
 
+def intrinsics(fx: float, fy: float, cx: float, cy: float) -> NDArray:
+    """K (3, 3) float64 of focal lengths and principal point in pixels."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
+def posed(rotation: NDArray, centre: NDArray) -> NDArray:
+    """(4, 4) float64 of a rotation (3, 3) and a translation (3,): camera to world of the camera's axes and centre."""
+    c2w = np.eye(4)
+    c2w[:3, :3], c2w[:3, 3] = rotation, centre
+    return c2w
+
+
 UNIT_FOCAL_BELOW = 4.0
 """Pixels; real focal lengths below it see more than 126° of a picture 16 pixels wide."""
 
@@ -111,10 +123,7 @@ class Camera:
     @property
     def w2c(self) -> NDArray:
         """(4, 4) float64 world to camera."""
-        out = np.eye(4)
-        out[:3, :3] = self.rotation
-        out[:3, 3] = -product(self.rotation, self.centre[:, None])[:, 0]
-        return out
+        return posed(self.rotation, -product(self.rotation, self.centre[:, None])[:, 0])
 
     @property
     def K_unit(self) -> NDArray:

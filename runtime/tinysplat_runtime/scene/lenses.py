@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from .cameras import MAX_IMAGE_SIDE, Camera
+from .cameras import MAX_IMAGE_SIDE, Camera, intrinsics
 
 PINHOLES = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3}
 """Models without distortion, and how many parameters they have."""
@@ -113,11 +113,6 @@ class Lens:
             said = " ".join(str(error).split())[:120]
             raise InputError(f"cannot be undistorted ({said})", where="camera") from None
         return np.array(camera.calibration_matrix()), int(camera.width), int(camera.height)
-
-
-def intrinsics(fx: float, fy: float, cx: float, cy: float) -> NDArray:
-    """K (3, 3) float64 of focal lengths and principal point in pixels."""
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
 def opencv_lens(

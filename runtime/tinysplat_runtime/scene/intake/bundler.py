@@ -21,11 +21,12 @@ import numpy as np
 
 from ...errors import InputError
 from ...system.files import read_limited
+from ..cameras import posed
 from ..lenses import Lens
 from ..scenes import MAX_CAMERAS_BYTES
 from .nerfstudio import OPENGL_TO_OPENCV
 from .photos import find_folder, photos_in
-from .tracked import FOLDERS, Track, Tracked, numbers, posed
+from .tracked import FOLDERS, Track, Tracked, numbers
 
 SIGN = rb"\A# Bundle file v0\.3"
 

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 from ...errors import InputError, warn, within
 from ...system.files import read_limited
 from ...system.jsonfields import JsonObject, kind_of, parse_json
+from ..cameras import posed
 from ..scenes import MAX_CAMERAS_BYTES, Scene
 from .fields import Fields
 from .nerfstudio import OPENGL_TO_OPENCV, frames_of
-from .tracked import posed, turned
+from .tracked import turned
 
 POLYCAM, RECORD3D, OPENSFM = "keyframes", "metadata.json", "reconstruction.json"
 

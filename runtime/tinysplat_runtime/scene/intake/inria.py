@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, within
-from ..cameras import Camera
-from ..lenses import intrinsics
+from ..cameras import Camera, intrinsics, posed
 from ..scenes import Frame
 from .fields import Fields
 from .photos import find_photo, is_there, present
-from .tracked import posed
 
 
 def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:

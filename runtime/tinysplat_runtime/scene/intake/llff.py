@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, within
 from ...system.files import parsing, read_limited
-from ..cameras import Camera
+from ..cameras import Camera, intrinsics, posed
 from ..images import image_size
-from ..lenses import intrinsics
 from ..scenes import Frame, Scene
 from .photos import find_folder, photos_in
-from .tracked import posed
 
 LLFF_FILE = "poses_bounds.npy"
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...system.files import read_limited
 from ...system.jsonfields import parse_json
+from ..cameras import posed
 from ..lenses import Lens, opencv_lens
 from .fields import Fields
-from .tracked import Track, Tracked, number, numbers, posed
+from .tracked import Track, Tracked, number, numbers
 
 SIGN = rb"\"version\""
 

@@ -18,9 +18,10 @@ from xml.etree import ElementTree
 
 from ...errors import InputError, warn, within
 from ...system.files import parsing, read_limited
+from ..cameras import posed
 from ..lenses import Lens, brown_lens, opencv_lens
 from ..scenes import MAX_CAMERAS_BYTES
-from .tracked import Track, Tracked, number, numbers, posed
+from .tracked import Track, Tracked, number, numbers
 
 SIGN = rb"<document\b[^>]*>\s*(<\w+[^>]*/>\s*)*<chunk\b"
 

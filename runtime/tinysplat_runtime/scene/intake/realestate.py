@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, within
 from ...system.files import read_limited
-from ..cameras import Camera
+from ..cameras import Camera, intrinsics
 from ..footage import SUFFIXES as VIDEO_SUFFIXES
 from ..footage import open_video
 from ..images import image_size
-from ..lenses import intrinsics
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 from .photos import find_photo
 

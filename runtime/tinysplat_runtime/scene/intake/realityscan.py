@@ -19,10 +19,11 @@ import numpy as np
 
 from ...errors import InputError
 from ...system.files import read_limited
+from ..cameras import posed
 from ..lenses import Lens, brown_lens
 from ..scenes import MAX_CAMERAS_BYTES
 from .nerfstudio import OPENGL_TO_OPENCV
-from .tracked import Track, Tracked, number, posed
+from .tracked import Track, Tracked, number
 
 SIGN = rb"(?i)\A(\xef\xbb\xbf)?(#cameras[^\n]*\n)?#?\s*name\s*,[^\r\n]*\bheading\b"
 

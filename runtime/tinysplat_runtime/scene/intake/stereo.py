@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...system.files import StrPath
-from ..cameras import Camera
+from ..cameras import Camera, intrinsics, posed
 from ..images import image_size
-from ..lenses import intrinsics
 from ..scenes import Frame, Scene
 
 
@@ -39,7 +38,6 @@ def stereo_scene(
         raise InputError(f"photos of {both} pixels, expected a rectified pair of one size", where=str(right))
     height, width = sizes[0]
     here = Camera(intrinsics(focal, focal, width / 2, height / 2), np.eye(4), width, height)
-    c2w = np.eye(4)
-    c2w[0, 3] = baseline
-    frames = Frame(here, Path(left)), Frame(replace(here, c2w=c2w), Path(right))
+    beside = replace(here, c2w=posed(np.eye(3), np.array([baseline, 0, 0])))
+    frames = Frame(here, Path(left)), Frame(beside, Path(right))
     return Scene(Path(left).parent, frames, near, far)

@@ -115,10 +115,3 @@ def turned(w: float, x: float, y: float, z: float) -> NDArray:
     """(3, 3) of a unit quaternion."""
     across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + 2 * (w * across + across @ across)
-
-
-def posed(rotation: NDArray, centre: NDArray) -> NDArray:
-    """(4, 4) of a rotation (3, 3) and a centre (3,), camera to world."""
-    c2w = np.eye(4)
-    c2w[:3, :3], c2w[:3, 3] = rotation, centre
-    return c2w
