@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from networks.two_planes import FAR, NEAR, TracedScene, trace
+from networks.two_planes import FAR, NEAR, TracedScene, scene_of, trace
 from numpy.typing import NDArray
 from scenes import refusing
 
@@ -46,7 +46,7 @@ def check_depths(gaussians: Gaussians, scene: TracedScene, order: Sequence[int])
 def test_photos_may_come_in_any_order(scene: TracedScene) -> None:
     order = [3, 0, 6, 1, 5, 2, 4]
     cameras = [scene.cameras[v] for v in order]
-    found = predict_each(lambda v: scene.images[order[v]], cameras, NEAR, FAR, STAGES, groups(cameras))
+    found = predict_each(scene_of(scene.images[order], cameras), STAGES, groups(cameras))
     check_depths(found, scene, order)
 
 
@@ -57,7 +57,7 @@ def test_a_place_far_from_the_origin_is_as_exact(scene: TracedScene) -> None:
         c2w = camera.c2w.copy()
         c2w[:3, 3] += shift
         moved.append(Camera(camera.K, c2w, camera.width, camera.height))
-    found = predict_each(lambda v: scene.images[v], moved, NEAR, FAR, STAGES, groups(moved))
+    found = predict_each(scene_of(scene.images, moved), STAGES, groups(moved))
     assert np.linalg.norm(found.origin) > FAR_FROM_ORIGIN * NEAR
     check_depths(found, scene, range(VIEWS))
 
@@ -66,4 +66,4 @@ def test_a_photo_that_is_no_picture_is_refused(scene: TracedScene) -> None:
     bad = scene.images.copy()
     bad[2, 0, 0] = np.nan
     with refusing(InputError, "images[2]"):
-        predict_each(lambda v: bad[v], scene.cameras, NEAR, FAR, STAGES, groups(scene.cameras))
+        predict_each(scene_of(bad, scene.cameras), STAGES, groups(scene.cameras))

@@ -17,6 +17,7 @@ from scenes import make_cameras, scene_document
 
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,6 +34,12 @@ class TracedScene:
     images: NDArray
     depth: NDArray
     cameras: tuple[Camera, ...]
+
+
+def scene_of(images: NDArray, cameras: Sequence[Camera]) -> Scene:
+    """Photos (V, H, W, 3) that are in no files, and their cameras."""
+    pairs = zip(images, cameras, strict=True)
+    return Scene(Path(), tuple(Frame(camera, Path(), kept={"image": image}) for image, camera in pairs), NEAR, FAR)
 
 
 def row_of_cameras(views: int, height: int, width: int, spacing: float = 0.2) -> tuple[Camera, ...]:

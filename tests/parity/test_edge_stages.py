@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from networks.two_planes import FAR, NEAR, trace
+from networks.two_planes import FAR, NEAR, scene_of, trace
 from numpy.typing import NDArray
 
 from tinysplat.networks.edge_stages import STAGES, Stage
@@ -50,7 +50,7 @@ def twins() -> dict[str, Twin]:
 
 def one_by_one(images: NDArray, cameras: Sequence[Camera], stages: Mapping[str, Any]) -> Gaussians:
     groups = capture_groups(cameras, NEAR, FAR, NetworkLimits())
-    return predict_each(lambda v: images[v], cameras, NEAR, FAR, stages, groups)
+    return predict_each(scene_of(images, cameras), stages, groups)
 
 
 @pytest.mark.parametrize("size", [(7, 64, 96), (3, 80, 48), (2, 64, 64)])

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..scene.cameras import Camera
 from ..scene.images import doubled
 from ..scene.neighbours import Group, view_places
-from ..scene.scenes import Frame
+from ..scene.scenes import Frame, Scene
 from ..system import disk
 from ..system.told import NOBODY, Told
 from .exposure import Exposures, Pair, one_exposure
@@ -36,32 +35,27 @@ LEAST_SOUND = 0.01
 
 
 def predict_each(
-    read: Callable[[int], NDArray],
-    cameras: Sequence[Camera],
-    near: float,
-    far: float,
+    scene: Scene,
     stages: Mapping[str, Graph],
     groups: Sequence[Group],
     told: Told = NOBODY,
     run_jobs: Callable | None = None,
-    frames: Sequence[Frame] = (),
 ) -> Gaussians:
     """As `walk.predict_groups`, by the stages of a network.
 
     Args:
-        read: gives a photo, (H, W, 3) float32 in [0, 1], by its index; is asked for each once.
-        cameras: of all photos, of one size.
-        near, far: depths between which the scene lies, scene units.
+        scene: photos of one size, each of which is read once, and the depths between which they lie.
         stages: opened graphs by name.
         groups: in which every photo is kept once, beside its partners.
         told: is told of each photo, once its depth is found and once it is done.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does, for the step in which photos
             agree on depth; None leaves that out.
-        frames: what says which pixels of the photos count; none where all do.
 
     Raises:
         InputError, NumericError, ModelError: as `predict.predict`.
     """
+    cameras = scene.cameras
+    near, far = scene.depth_range()
     places = view_places(cameras, near, far)
     neighbours: list[tuple[int, ...]] = [()] * len(cameras)  # of each photo, it and its partners, nearest first
     for group in groups:
@@ -69,13 +63,13 @@ def predict_each(
             others = [u for u in group.views if u != v]
             away = np.square(places[others] - places[v]).sum(axis=1)
             neighbours[v] = (v, *(others[i] for i in np.argsort(away, kind="stable")))
-    capture = _Capture(read, cameras, near, far, stages, neighbours)
+    capture = _Capture(scene, stages, neighbours)
     order = [v for group in groups for v in group.kept]
     first = _first_asked(order, neighbours)
     for view in told.progress("depth of photos", order, costs=[1 + 2 * count for count in first]):
         capture.estimated(view)
     if run_jobs is not None:
-        capture.agree(run_jobs, frames, told)
+        capture.agree(run_jobs, scene.frames, told)
     alone = [Group((v,), (v,)) for v in order]
     costs = [1 + 5 * count for count in first]
     return predict_groups(cameras, near, alone, lambda views: capture.finished(views[0]), told, costs)
@@ -93,22 +87,17 @@ def _first_asked(order: Sequence[int], neighbours: Sequence[tuple[int, ...]]) ->
 class _Capture:
     """Photos, and what is known of those that are still needed: arrays by stage, view and name."""
 
-    def __init__(
-        self,
-        read: Callable[[int], NDArray],
-        cameras: Sequence[Camera],
-        near: float,
-        far: float,
-        stages: Mapping[str, Graph],
-        neighbours: Sequence[tuple[int, ...]],
-    ) -> None:
+    def __init__(self, scene: Scene, stages: Mapping[str, Graph], neighbours: Sequence[tuple[int, ...]]) -> None:
+        cameras, (near, far) = scene.cameras, scene.depth_range()
         self.cameras, self.near, self.far, self.stages, self.neighbours = cameras, near, far, stages, neighbours
         self.photos = np.zeros((0, 0, 0, 3), np.uint16)  # (V, H, W, 3), padded to the network's stride
         self.units: list[NDArray] = []  # K divided by the size of that
         cells, limits = [], NetworkLimits.of(stages["glance"])
         for v, camera in enumerate(cameras):
             try:
-                images = checked_inputs(read(v)[None], [camera], near, far, replace(limits, min_views=1))
+                images = checked_inputs(
+                    scene.frames[v].image()[None], [camera], near, far, replace(limits, min_views=1)
+                )
             except InputError as error:
                 raise InputError(error.message, where=(error.where or "images").replace("[0]", f"[{v}]")) from None
             grown, K = padded(images, [camera], limits)

@@ -134,12 +134,8 @@ class OneByOne(Way):
             warn('photos do not agree on depth: to let them needs numba; pip install "tinysplat[fast]" brings it')
             run_jobs = None
 
-        def read(view: int) -> NDArray:
-            return scene.frames[view].image()
-
         with watch.stage("network"):
-            frames = scene.frames
-            return predict_each(read, scene.cameras, *scene.depth_range(), stages, groups, told, run_jobs, frames)
+            return predict_each(scene, stages, groups, told, run_jobs)
 
 
 def _groups(scene: Scene, graph: Graph, shared: float = np.inf) -> tuple[Group, ...]:
