@@ -31,6 +31,8 @@ _MODULE_OF = {
     "Scene": "scene.scenes",
     "SceneWarning": "errors",
     "TinySplatError": "errors",
+    "Told": "system.told",
+    "Voice": "system.voice",
     "compress": "api",
     "convert": "api",
     "decompress": "api",
@@ -59,6 +61,8 @@ __all__ = [
     "Scene",
     "SceneWarning",
     "TinySplatError",
+    "Told",
+    "Voice",
     "compress",
     "convert",
     "decompress",
@@ -95,6 +99,8 @@ if TYPE_CHECKING:
     from .scene.cameras import Camera
     from .scene.intake.layouts import load_scene
     from .scene.scenes import Scene
+    from .system.told import Told
+    from .system.voice import Voice
 
 
 class _Door(ModuleType):

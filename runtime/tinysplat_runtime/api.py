@@ -59,6 +59,8 @@ class Runtime:
             plug-in packages (`graphs.providers`).
         models: folder with manifest.json and the artifacts; None for the usual places.
         limits: what a file may ask for when it is decoded.
+        told: who is told what long work does, such as `ts.Voice()`, which says on standard error how far it is and
+            about how many seconds are left; None for doubts alone, which are a `SceneWarning` each.
 
     Raises:
         InputError: `threads` is below 1.
@@ -71,11 +73,12 @@ class Runtime:
         providers: Sequence[Provider] = (CPU,),
         models: str | os.PathLike[str] | None = None,
         limits: Limits | None = None,
+        told: Told | None = None,
     ) -> None:
         if threads is not None and (not isinstance(threads, Integral) or threads < 1):
             raise InputError(f"{threads}, expected a whole number of 1 or more", where="threads")
         self.threads = threads or available_cores()
-        self.limits = limits or Limits()
+        self.limits, self.told = limits or Limits(), told or _Warner()
         # Decoding runs the synthesis of a view on each thread; threads within would only get in each other's way.
         self.store = GraphStore(threads=1, providers=providers, models=models)
 
@@ -116,7 +119,7 @@ class Runtime:
 
         _check(scene, Scene, "scene", "a Scene, which `load_scene` reads")
         way = Way.of(scene, model, self.store, threads=self.threads, whole=whole, joint=joint)
-        return way.predicted(scene, watch or Stopwatch())
+        return way.predicted(scene, watch or Stopwatch(), self.told)
 
     def refine(
         self,
@@ -151,7 +154,7 @@ class Runtime:
         from .recipe.words import Refinement
 
         coding = Coding(profile=profile, qp=qp)
-        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats)
+        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
 
     def compress(
         self,
@@ -184,7 +187,8 @@ class Runtime:
         from .recipe.request import CompressRequest
 
         _check(gaussians, Gaussians, *GAUSSIANS)
-        return compress(CompressRequest.of(gaussians, profile=profile, qp=qp, **options), self, stats=stats).data
+        request = CompressRequest.of(gaussians, profile=profile, qp=qp, **options)
+        return compress(request, self, self.told, stats=stats).data
 
     def encode(
         self,
@@ -223,7 +227,7 @@ class Runtime:
         request = EncodeRequest.of(scene, model=model, profile=profile, qp=qp, **options)
         if gaussians is not None:
             return encode_predicted(request, gaussians, self, stats=stats)
-        return encode(request, self, _Warner(), stats=stats).data
+        return encode(request, self, self.told, stats=stats).data
 
     def decompress(
         self,
@@ -264,7 +268,7 @@ class Runtime:
             file = read_container(first, self.limits, is_prefix=is_prefix, is_damaged=is_damaged, views=views)
             if lost is not None:
                 lost += file.lost
-        return decode_file(file, self.store, threads=self.threads, model=model, watch=watch)
+        return decode_file(file, self.store, threads=self.threads, model=model, watch=watch, told=self.told)
 
     def convert(
         self, source: StrPath | Sequence[StrPath], target: StrPath, **options: Unpack[ExportKeywords]
@@ -297,7 +301,7 @@ class Runtime:
         files = [os.fspath(value) for value in sources]
         parts = [(file, self._loaded(file, request.views)) for file in files]
         origin = files[0] if len(files) == 1 and files[0].lower().endswith(SUFFIX) else None
-        return write(target, exported(parts, os.fspath(target), request, self), request, self, origin)
+        return write(target, exported(parts, os.fspath(target), request, self, self.told), request, self, origin)
 
     def _loaded(self, file: str, views: Sequence[int] | None) -> Gaussians:
         from .formats import table

@@ -8,17 +8,18 @@ from pathlib import Path
 
 from tinysplat.measure.show.sheets import MOST_PIXELS, Sheet, gaussian_sheet, picture_sheet, write_sheet
 from tinysplat.measure.show.tables import format_table, number
-from tinysplat_runtime.api import load_gaussians
+from tinysplat_runtime.api import Runtime, load_gaussians
 from tinysplat_runtime.cli.arguments import size
-from tinysplat_runtime.cli.files import Voice
-from tinysplat_runtime.container.layout import SUFFIX
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.container.layout import MAX_FILE_BYTES, SUFFIX
+from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.formats.table import endings
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.intake.layouts import load_cameras
-from tinysplat_runtime.system.files import write_atomically
+from tinysplat_runtime.system.files import read_limited, write_atomically
+from tinysplat_runtime.system.progress import wipe
 from tinysplat_runtime.system.told import Told
+from tinysplat_runtime.system.voice import Voice
 
 HELP = "two results side by side, with maps of their error"
 NEEDS = ("matplotlib", "PIL")
@@ -43,16 +44,20 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     """Write the sheet and `comparison.json`, print the figures."""
-    sheet = _sheet(Path(args.a), Path(args.b), args.cameras, args.size, Voice("", args.quiet))
+    voice = Voice(args.quiet)
+    voice.plan([("drawing", 6), ("writing sheets", 3), ("measuring", 2)])
+    sheet = _sheet(Path(args.a), Path(args.b), args.cameras, args.size, voice)
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder", where=str(folder))
     folder.mkdir(parents=True, exist_ok=True)
-    paths, views = write_sheet(folder, sheet), [row.scores() for row in sheet.rows]
+    paths = write_sheet(folder, sheet, voice)
+    views = [row.scores() for row in voice.progress("measuring", sheet.rows)]
     found = {"files": [path.name for path in paths], "views": views}
     write_atomically(folder / "comparison.json", (json.dumps(found, indent=1) + "\n").encode())
     if not args.quiet:
         rows = [(view["view"], number(view["psnr_b_to_a"], 2), number(view["ssim_b_to_a"], 4)) for view in views]
+        wipe()
         print(format_table(["view", "PSNR", "SSIM"], rows))
         print(f"\n{len(paths)} picture{'s' * (len(paths) != 1)} in {folder}")
 
@@ -63,8 +68,18 @@ def _sheet(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None, 
         raise InputError(f"a {kinds[1]}, but {a} is a {kinds[0]}; expected two of a kind", where=str(b))
     if kinds[0] == "picture":
         return picture_sheet(a, b)
-    gaussians = (load_gaussians(a), load_gaussians(b))
+    runtime = Runtime(told=told)
+    gaussians = _loaded(a, runtime), _loaded(b, runtime)
     return gaussian_sheet(gaussians, (a.name, b.name), _cameras(cameras, gaussians), size, told)
+
+
+def _loaded(path: Path, runtime: Runtime) -> Gaussians:
+    if path.suffix.lower() != SUFFIX:
+        return load_gaussians(path)
+    try:
+        return runtime.decompress(read_limited(path, MAX_FILE_BYTES))
+    except TinySplatError as error:
+        raise error.within(str(path)) from None
 
 
 def _kind(path: Path) -> str:

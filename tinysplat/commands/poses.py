@@ -27,7 +27,6 @@ from tinysplat.poses.placing import (
     placed_photos,
     upright_copies,
 )
-from tinysplat_runtime.cli.files import Voice
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic
@@ -44,6 +43,7 @@ from tinysplat_runtime.scene.spacing import Spacing
 from tinysplat_runtime.system.evenly import evenly
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import wipe
+from tinysplat_runtime.system.voice import Voice
 
 HELP = "camera poses of photos or a video, as a scene folder"
 NEEDS = ("pycolmap",)
@@ -122,7 +122,7 @@ def run(args: Namespace) -> None:
     is_video = source.suffix.lower() in VIDEOS and not source.is_dir()
     if args.frames is not None and not is_video:
         raise InputError(f"given with {source}, expected a video ({KINDS})", where="--frames")
-    voice, found = Voice("", args.quiet), [] if is_video else _photo_names(source)
+    voice, found = Voice(args.quiet, shows_results=True), [] if is_video else _photo_names(source)
     is_panorama = _is_panorama([source] if is_video else [source / name for name in found], args)
     _check_output(output)
     with tempfile.TemporaryDirectory() as work:

@@ -394,21 +394,15 @@ def _mapped(photos: Path, database: Path, count: int, *, is_careful: bool, is_ri
         options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_sensor_from_rig = False
     if is_careful:
         options.mapper.abs_pose_min_num_inliers = _FEWER_MATCHES
-    placed = told.progress("placing photos", range(count))
-
-    def another() -> None:
-        next(placed, None)
-
-    def first() -> None:
-        another()
-        another()
-
-    next(placed)
-    models = pycolmap.incremental_mapping(
-        database, photos, folder, options, initial_image_pair_callback=first, next_image_callback=another
-    )
-    for _ in placed:  # those that could not be placed
-        pass
+    with told.counting("placing photos", count) as another:
+        models = pycolmap.incremental_mapping(
+            database,
+            photos,
+            folder,
+            options,
+            initial_image_pair_callback=lambda: (another(), another()),
+            next_image_callback=another,
+        )
     return list(models.values())
 
 

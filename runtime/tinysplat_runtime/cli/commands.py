@@ -64,10 +64,10 @@ def doctor(args: Namespace) -> None:
     from .doctor import examine, text  # the standard library's packaging and mail
 
     if args.warm:
-        from .files import Voice
+        from ..system.voice import Voice
         from .warm import warm
 
-        print(f"compiled, in {warm(Voice('', args.quiet))}")
+        print(f"compiled, in {warm(Voice(args.quiet))}")
         return
     report = examine(providers_of(args.provider) if args.provider else None)
     print(json.dumps(report, indent=2) if args.json else text(report))

@@ -20,20 +20,22 @@ from ..recipe.export import KEEPS_CAMERAS
 from ..recipe.request import CompressRequest, EncodeRequest
 from ..render.near import FEW
 from ..system.stopwatch import Stopwatch
-from .files import Voice, write_file, write_json
+from ..system.voice import Voice
+from .files import write_file, write_json
 from .given import asked, reading_of, voice_of
 from .outputs import is_standard
 
 
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file, or to one list of Gaussians in another format."""
-    voice, runtime = voice_of(args), Runtime(threads=args.threads, providers=providers_of(args.provider))
+    voice = voice_of(args)
+    runtime = Runtime(threads=args.threads, providers=providers_of(args.provider), told=voice)
     if not (is_standard(args.output) or args.output.lower().endswith(SUFFIX)):
         _list(args, voice, runtime)
         return
     request = asked(args, EncodeRequest, args.scene)
     coded = encode_photos(request, runtime, voice, keep=bool(args.report))
-    _write(coded, voice, args.report, runtime, model=request.model)
+    _write(coded, voice, args, runtime)
     if voice.listens:
         _compare(coded, voice, runtime, model=request.model)
 
@@ -57,7 +59,8 @@ def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
 
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
-    reading, voice = replace(reading_of(args), grid=args.grid), voice_of(args)
+    voice = voice_of(args)
+    reading = replace(reading_of(args, voice), grid=args.grid)
     runtime, gaussians = reading.runtime(), reading.load(args.gaussians, Stopwatch())
     if gaussians.viewpoints and not (args.cameras or args.gaussians.endswith(KEEPS_CAMERAS)):
         used = f"used as cameras of {len(gaussians.viewpoints)} photos"
@@ -65,22 +68,22 @@ def compress(args: Namespace) -> None:
     try:
         request = asked(args, CompressRequest, gaussians)
         coded = compress_gaussians(request, runtime, voice, keep=bool(args.report))
-        _write(coded, voice, args.report, runtime, model=args.model)
+        _write(coded, voice, args, runtime)
     except TinySplatError as error:
         raise error.within(args.gaussians) from None
 
 
-def _write(coded: Encoded, voice: Voice, report: str | None, runtime: Runtime, *, model: str | None) -> None:
+def _write(coded: Encoded, voice: Voice, args: Namespace, runtime: Runtime) -> None:
     """Write the file and its report, and say what it is."""
     data, stats = coded.data, coded.stats
     with stats.watch.stage("write"):
-        write_file(voice.output, data)
-    if report:
+        write_file(args.output, data)
+    if args.report:
         from ..recipe.report import encode_report
 
-        write_json(report, encode_report(coded, runtime, model=model))
+        write_json(args.report, encode_report(coded, runtime, model=args.model))
     share = coded.raw_bytes / len(data)
-    voice.done(f"{len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s", voice.output)
+    voice.done(f"{len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s", args.output)
     if stats.mode == List.mode:
         if stats.psnr is not None:
             pruned = f"{stats.left_out:,} Gaussians pruned" if stats.left_out else "all Gaussians kept"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,10 @@ from ..errors import InputError, TinySplatError
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.providers import providers_of
-from ..system.course import Course
-from ..system.files import StrPath, read_limited, write_atomically
-from ..system.printable import printable
-from ..system.progress import progress, running, step, wipe
+from ..system.files import read_limited, write_atomically
+from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
-from ..system.told import Kind, T, Told
+from ..system.told import NOBODY, Told
 from .outputs import STANDARD, is_standard
 
 
@@ -41,6 +38,7 @@ class Reading:
         model: the network for a file of photos; None to find it by its hash.
         views: read these views alone; None for all.
         grid: (V, H, W) that a list is the pixels of; None for a list, or what the file says.
+        told: who is told how far that is.
     """
 
     threads: int | None
@@ -51,6 +49,7 @@ class Reading:
     model: str | None
     views: Sequence[int] | None = None
     grid: tuple[int, int, int] | None = None
+    told: Told = NOBODY
 
     @property
     def is_in_part(self) -> bool:
@@ -59,7 +58,8 @@ class Reading:
 
     def runtime(self) -> Runtime:
         """A runtime with these options."""
-        return Runtime(threads=self.threads, providers=providers_of(self.provider), limits=self.limits)
+        providers = providers_of(self.provider)
+        return Runtime(threads=self.threads, providers=providers, limits=self.limits, told=self.told)
 
     def decompress(self, file: str, data: bytes, watch: Stopwatch) -> Gaussians:
         """Gaussians of a .tsplat file's bytes; errors name the file, and so does the line that says what is lost."""
@@ -71,6 +71,7 @@ class Reading:
         except TinySplatError as error:
             raise error.within(file) from None
         if lost:
+            wipe()
             print(f"{file}: lost {len(lost)} of its planes: {', '.join(lost)}", file=sys.stderr)
         return gaussians
 
@@ -131,59 +132,6 @@ def write_file(path: str, data: bytes) -> None:
 def write_json(path: str, value: dict[str, Any]) -> None:
     """Write a report, whole or not at all."""
     write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
-
-
-@dataclass(frozen=True)
-class Voice(Told):
-    """Prints what a command has to say, unless `quiet`: results to standard output, unless that is `output`; else to
-    standard error.
-    """
-
-    output: str
-    quiet: bool
-    course: Course = field(default_factory=lambda: Course(running))
-
-    @property
-    def listens(self) -> bool:  # type: ignore[override]
-        """Unless `quiet`."""
-        return not self.quiet
-
-    def say(self, kind: Kind, text: str, where: StrPath = "") -> None:
-        """Say a line."""
-        if self.quiet:
-            return
-        if kind == "step":
-            self.course.begin(text).is_over = True
-            step(text, self.course)
-            return
-        wipe()
-        place = f"{os.fspath(where)}: " if where else ""
-        doubt = "warning: " if kind == "doubt" else ""
-        stream = sys.stdout if kind == "done" and not is_standard(self.output) else sys.stderr
-        print(printable(f"{place}{doubt}{text}"), file=stream)
-
-    def done(self, text: str, where: StrPath = "") -> None:
-        """Say what was done."""
-        self.say("done", text, where)
-
-    def plan(self, stages: Iterable[tuple[str, float]]) -> None:
-        """From here on seconds left are those of all of this."""
-        self.course.plan(stages)
-
-    def progress(
-        self,
-        label: str,
-        items: Iterable[T],
-        note: Callable[[], str] = str,
-        total: int | None = None,
-        costs: Sequence[float] | None = None,
-        size_of: Callable[[T], int] = lambda item: 1,
-    ) -> Iterator[T]:
-        """Say how far a step is."""
-        if total is None and isinstance(items, Sized):
-            total = len(items)
-        quiet, course = self.quiet, self.course
-        return progress(items, total, label, quiet=quiet, note=note, course=course, costs=costs, size_of=size_of)
 
 
 @contextlib.contextmanager

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..container.layout import SUFFIX
 from ..container.records import Limits
-from .files import Reading, Voice, named
+from ..system.told import Told
+from ..system.voice import Voice
+from .files import Reading, named
+from .outputs import is_standard
 
 if TYPE_CHECKING:  # who reads a file writes none
     from ..recipe.options import Options
@@ -18,16 +21,16 @@ if TYPE_CHECKING:  # who reads a file writes none
 Asked = TypeVar("Asked", bound="Options")
 
 
-def reading_of(args: Namespace) -> Reading:
+def reading_of(args: Namespace, told: Told) -> Reading:
     """How files are read."""
     default = Limits()
     limits = Limits(args.max_pixels or default.max_pixels, args.max_memory or default.max_memory_bytes)
-    return Reading(args.threads, args.provider, limits, args.max_bytes, args.partial, args.model)
+    return Reading(args.threads, args.provider, limits, args.max_bytes, args.partial, args.model, told=told)
 
 
 def voice_of(args: Namespace) -> Voice:
-    """Who says what a command has to say."""
-    return Voice(args.output, args.quiet)
+    """Who says what a command has to say: results to standard output, unless that is the file itself."""
+    return Voice(args.quiet, not is_standard(args.output))
 
 
 def asked(args: Namespace, kind: type[Asked], *what: Any, without: Collection[str] = ()) -> Asked:
@@ -49,6 +52,7 @@ def writing_of(args: Namespace) -> Writing:
     from .written import Writing
 
     request, files = asked(args, ExportRequest), getattr(args, "files", None) or [args.file]
-    reading = replace(reading_of(args), views=request.views)
+    voice = voice_of(args)
+    reading = replace(reading_of(args, voice), views=request.views)
     has_quality = len(files) == 1 and files[0].lower().endswith(SUFFIX) and not reading.is_in_part
-    return Writing(request, reading, files[0] if has_quality else None, voice_of(args))
+    return Writing(request, reading, files[0] if has_quality else None, args.output, voice)

@@ -40,7 +40,8 @@ def render(args: Namespace) -> None:
         raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
     if suffix == ".png" and args.path:
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
-    reading, voice, watch = reading_of(args), voice_of(args), Stopwatch()
+    voice, watch = voice_of(args), Stopwatch()
+    reading = reading_of(args, voice)
     gaussians = reading.load(args.file, watch)
     # Loading compiled code takes longer than drawing one picture without it.
     compiled, is_video = (None, True) if suffix == ".mp4" else (False, False)

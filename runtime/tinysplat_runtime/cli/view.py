@@ -19,8 +19,7 @@ from urllib.parse import urlsplit
 
 from numpy.typing import NDArray
 
-from ..api import compress, decompress
-from ..api import open as open_file
+from ..api import Runtime
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.photos import Photos
 from ..container.reader import read_container
@@ -36,6 +35,9 @@ from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from ..system.printable import printable
+from ..system.progress import wipe
+from ..system.told import NOBODY, Told
+from ..system.voice import Voice
 
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
@@ -61,7 +63,7 @@ def view(args: Namespace) -> None:
         path = args.html
         if args.as_files and path is None:
             raise InputError("goes with --html FOLDER", where="--files")
-        content = Content.of(args.file, args.cameras, args.photos, args.background)
+        content = Content.of(args.file, args.cameras, args.photos, args.background, Voice(args.quiet))
         if path is None:
             source = SCENE if content.view_count > FEW else None
             parts = {} if source is None else {source: content.data}
@@ -73,6 +75,7 @@ def view(args: Namespace) -> None:
         else:
             written = _written(path, scene_page(content.data, content.shown))
     if not args.quiet:
+        wipe()
         print(written)
 
 
@@ -117,31 +120,34 @@ class Content:
         cameras_file: str | None,
         photos_of: str | None,
         background: tuple[float, float, float] | None = None,
+        told: Told = NOBODY,
     ) -> Content:
         """Of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
-        data, views = _file(file)
+        runtime = Runtime(told=told)
+        data, views = _file(file, runtime)
         cameras = load_cameras(cameras_file) if cameras_file and not views else []
         photos = {}
         if photos_of and (views or cameras):
-            photos = _photos(load_scene(photos_of).with_masks(None), views or cameras)  # as they were taken
+            photos = _photos(load_scene(photos_of).with_masks(None), views or cameras, told)  # as they were taken
         first = front_view(views or cameras)
-        poster = _poster(data, (views or cameras)[first] if views or cameras else None, bool(views), background)
+        front = (views or cameras)[first] if views or cameras else None
+        poster = _poster(runtime, data, front, bool(views), background)
         title = printable(Path(file).stem)
         return cls(data, len(views), Shown(title, cameras, photos, first, poster, background))
 
 
 def _poster(
-    data: bytes, camera: Camera | None, has_views: bool, background: tuple[float, float, float] | None
+    runtime: Runtime, data: bytes, camera: Camera | None, has_views: bool, background: tuple[float, float, float] | None
 ) -> NDArray:
     """The picture (H, W, 3) from a camera, of a capture by the views next to it alone; of a list, from the front where
     there is none.
     """
     if has_views:
         assert camera is not None
-        with open_file(io.BytesIO(data)) as file:
+        with runtime.open(io.BytesIO(data)) as file:
             gaussians = file.near(camera)
     else:
-        gaussians = decompress(data)
+        gaussians = runtime.decompress(data)
         camera = camera or front_of(gaussians)
     scale = min(1.0, POSTER_SIDE / max(camera.height, camera.width))
     small = camera.resized(round(scale * camera.height), round(scale * camera.width))
@@ -210,20 +216,22 @@ def is_this_machine(host: str) -> bool:
     return True
 
 
-def _file(file: str) -> tuple[bytes, Sequence[Camera]]:
+def _file(file: str, runtime: Runtime) -> tuple[bytes, Sequence[Camera]]:
     """A .tsplat file that any page decodes, as it is where it is one, and its views."""
     try:
         if Path(file).suffix.lower() != SUFFIX:
             gaussians = load_gaussians(file)
-            return compress(gaussians, qp=FINE_QP), gaussians.cameras
+            return runtime.compress(gaussians, qp=FINE_QP), gaussians.cameras
         data = read_limited(file, MAX_FILE_BYTES)
         container = read_container(data)
-        return (compress(decompress(data)) if isinstance(container.body, Photos) else data), container.cameras
+        if isinstance(container.body, Photos):
+            data = runtime.compress(runtime.decompress(data))
+        return data, container.cameras
     except TinySplatError as error:
         raise error.within(file) from None
 
 
-def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:
+def _photos(scene: Scene, cameras: Sequence[Camera], told: Told) -> dict[int, NDArray]:
     """Photos of the views that a scene's frames were taken from, by view.
 
     Raises:
@@ -231,7 +239,7 @@ def _photos(scene: Scene, cameras: Sequence[Camera]) -> dict[int, NDArray]:
     """
     photos: dict[int, NDArray] = {}
     reach = max(reach_of(cameras), 1e-9)
-    for i, camera in enumerate(cameras):
+    for i, camera in enumerate(told.progress("reading photos", cameras)):
         photo, *_ = taken_as(camera, scene, reach)
         if photo is not None:
             own = scene.frames[photo].camera

@@ -13,8 +13,10 @@ from ..container.layout import SUFFIX
 from ..gaussian.gaussians import Gaussians
 from ..recipe.export import exported, write
 from ..recipe.request import ExportRequest
+from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
-from .files import Reading, Voice, named, write_file
+from ..system.voice import Voice
+from .files import Reading, named, write_file
 from .outputs import is_standard
 
 
@@ -26,22 +28,26 @@ class Writing:
         request: which of them, and in what format.
         reading: the options that commands share.
         source: the .tsplat file whose quality a .tsplat file is written with; None for the default profile's.
-        voice: who says what was written, and where to.
+        output: where to.
+        voice: who says what was written.
     """
 
     request: ExportRequest
     reading: Reading
     source: str | None
+    output: str
     voice: Voice
 
     def write(self, parts: Sequence[tuple[str, Gaussians]], watch: Stopwatch) -> Gaussians:
         """Write a file, or to standard output; what went out. What the format cannot keep goes to standard error."""
-        request, runtime, output = self.request, self.reading.runtime(), self.voice.output
+        request, runtime, output = self.request, self.reading.runtime(), self.output
 
         with _file_of(output) as path, named(request.options()):
             gaussians = exported(parts, path, request, runtime, self.voice)
+            self.voice.say("step", "writing")
             with watch.stage("write"):
                 losses = write(path, gaussians, request, runtime, self.source)
+            wipe()
             for loss in losses:
                 print(f"{path}: {loss}", file=sys.stderr)
         self.voice.done(f"{gaussians.count} Gaussians of SH degree {gaussians.degree}", output)

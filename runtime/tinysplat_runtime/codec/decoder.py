@@ -9,12 +9,19 @@ from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
+from ..system.told import NOBODY, Told
 from .layers import OpenFile
 from .modes.mode import find_mode
 
 
 def decode_file(
-    container: Container, store: GraphStore, *, threads: int, model: str | None = None, watch: Stopwatch | None = None
+    container: Container,
+    store: GraphStore,
+    *,
+    threads: int,
+    model: str | None = None,
+    watch: Stopwatch | None = None,
+    told: Told = NOBODY,
 ) -> Gaussians:
     """Decode what was read of a file.
 
@@ -24,6 +31,7 @@ def decode_file(
         threads: planes decoded at a time.
         model: the network for a file of photos: a path, or a name in the manifest; None to find it by its hash.
         watch: filled with seconds per stage.
+        told: who is told how many pictures are decoded.
 
     Returns:
         Gaussians with cameras and all layers. A file in parts by view that is cut or damaged gives the views of which
@@ -33,7 +41,7 @@ def decode_file(
         FormatError: a damaged picture; nothing that depth can be decoded of in layer 0.
         ModelError: the network that the file names is not at hand.
     """
-    opened = OpenFile(container, store, threads, model, watch or Stopwatch())
+    opened = OpenFile(container, store, threads, model, watch or Stopwatch(), told)
     gaussians = find_mode(container.mode).decode(opened, container.body).with_notes(container.notes)
     return gaussians if container.chosen is None else select_views(gaussians, container.chosen)
 

@@ -20,6 +20,7 @@ from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
+from ..system.told import NOBODY, Told
 from .hevc import PlaneDecoder
 from .missing import hidden_views, stand_in_code
 from .synthesis import LayerSynthesis, coded_channels
@@ -35,6 +36,7 @@ class OpenFile:
         threads: planes decoded at a time.
         model: the network for a file of photos, by path or name; None to find it by its hash.
         watch: takes seconds per stage.
+        told: who is told how many pictures are decoded.
     """
 
     container: Container
@@ -42,6 +44,7 @@ class OpenFile:
     threads: int
     model: str | None
     watch: Stopwatch
+    told: Told = NOBODY
 
 
 def decode_layers(file: OpenFile, planes: Planes) -> Gaussians:
@@ -156,6 +159,7 @@ def _decode_layer(pictures: _Pictures, synthesis: LayerSynthesis, crew: Crew) ->
         # Longest first, so that threads finish the last view together.
         tasks += sorted(of_view, key=lambda task: -task[0])
     start = time.perf_counter()
-    spent = sum(crew.map(lambda task: task[1](), tasks)) / crew.threads
+    run_jobs = pictures.file.told.counted("decoding pictures", crew.map)
+    spent = sum(run_jobs(lambda task: task[1](), tasks)) / crew.threads
     pictures.file.watch.add("synthesis", spent)
     pictures.file.watch.add("libavcodec", time.perf_counter() - start - spent)

@@ -168,6 +168,7 @@ class PruningEncoder(Coder):
             views=self._views,
             steps=self._whole.steps,
             tiers=tiers,
+            told=self._told,
             recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
         )
         disk.let_go()

@@ -7,6 +7,7 @@ take.
 from __future__ import annotations
 
 from ..codec.modes import EITHER, LIST
+from ..gaussian.gaussians import Gaussians
 from ..graphs.ways import Way
 from ..sparse import usual_steps
 from .request import EncodeRequest
@@ -43,7 +44,7 @@ def ahead(way: Way, request: EncodeRequest, photos: int, budget: Refinement | No
     if request.mode == EITHER:
         from .contest import STEPS  # needs numba
 
-        choosing = [*_refined(None), *_trained(photos, STEPS)]
+        choosing = [*refined(None), *_trained(photos, STEPS)]
     return [*CHECKS, *way.steps, *choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
 
 
@@ -51,10 +52,17 @@ def from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | Non
     """The steps after the network and the choice of a mode; arguments as above."""
     if request.mode == LIST:
         return [*_trained(photos, budget.steps if budget else None), *(LISTED + COMPARED if is_coded else [])]
-    return [*(_refined(budget.steps) if budget else []), *(CODED + COMPARED if is_coded else [])]
+    return [*(refined(budget) if budget else []), *(CODED + COMPARED if is_coded else [])]
 
 
-def _refined(steps: int | None) -> Steps:
+def coded(gaussians: Gaussians) -> Steps:
+    """The steps of coding Gaussians."""
+    return CODED if gaussians.is_per_pixel else LISTED
+
+
+def refined(budget: Refinement | None) -> Steps:
+    """Those of refinement; None for as much as is usual."""
+    steps = budget.steps if budget else None
     return [("looking at photos", LOOKED), ("refining", REFINED * (steps or REFINED_STEPS))]
 
 

@@ -187,17 +187,22 @@ def compress(
     Raises:
         FormatError, InputError, NumericError: see `Runtime.compress`.
     """
-    stats, refined = stats or EncodeStats(), RefineStats()
+    from .ahead import coded, refined
+
+    stats, refinement = stats or EncodeStats(), RefineStats()
     gaussians = request.gaussians
     if request.cameras is not None:
         gaussians = pixels_of(gaussians, request.cameras)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
-        gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refined)
+        told.plan([*refined(request.refine), *coded(gaussians)])
+        gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
+    told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)
     data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)
-    return Encoded(data, gaussians if keep else None, raw_bytes(gaussians), stats, refined if request.refine else None)
+    kept = gaussians if keep else None
+    return Encoded(data, kept, raw_bytes(gaussians), stats, refinement if request.refine else None)
 
 
 def _refined(

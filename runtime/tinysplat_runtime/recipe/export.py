@@ -157,7 +157,7 @@ def _thinned(gaussians: Gaussians, tools: Tools, told: Told) -> Gaussians:
         return gaussians
     from ..gaussian.thin import thinned
 
-    thin = thinned(gaussians, Crew(tools.threads).map)
+    thin = thinned(gaussians, told.counted("thinning", Crew(tools.threads).map))
     said = f"writes {thin.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
     told.say("notice", f"{said}; --fuse makes them one, --keep-all keeps all")
     return thin
@@ -173,7 +173,9 @@ def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Tol
         raise InputError(found, where="fuse")
     from .stages import sparse
 
-    joined = sparse(gaussians, own_pictures(gaussians, tools.threads), request.fuse, request.at_most, tools, told)
+    told.plan([("drawing its pictures", 1), ("training", 20), ("writing", 1)])
+    pictures = own_pictures(gaussians, tools.threads, told)
+    joined = sparse(gaussians, pictures, request.fuse, request.at_most, tools, told)
     told.say("notice", "from the photos themselves: `tinysplat encode SCENE -o F.spz`, sharper and truer to new views")
     return joined
 

@@ -9,6 +9,7 @@ from ..refine.photos import matched, sizes_of
 from ..render import Renderer
 from ..render.gradient import Target
 from ..scene.scenes import Scene
+from ..system.told import NOBODY, Told
 
 COVERED = 0.9
 """Pixels of a drawn picture that are less opaque say nothing."""
@@ -19,12 +20,12 @@ def photos_of(capture: Gaussians, scene: Scene) -> list[Target]:
     return sizes_of(capture, matched(capture, scene), closer=False)[0]
 
 
-def own_pictures(capture: Gaussians, threads: int | None = None) -> list[Target]:
+def own_pictures(capture: Gaussians, threads: int | None = None, told: Told = NOBODY) -> list[Target]:
     """Pictures from the views of per-pixel Gaussians, as our own drawing has them. From elsewhere it shows ghosts, and
     a scene that learns these loses more than it gains.
     """
     renderer, targets = Renderer(capture, threads), []
-    for camera in capture.cameras:
+    for camera in told.progress("drawing its pictures", capture.cameras):
         seen = renderer.render(camera, outputs=("rgb", "alpha"))
         is_known = seen["alpha"][..., None] >= COVERED
         targets.append(Target(camera, np.where(is_known, seen["rgb"], np.float32(np.nan)).astype(np.float32)))

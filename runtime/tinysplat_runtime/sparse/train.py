@@ -61,7 +61,8 @@ class TrainStats:
 
     def note(self) -> str:
         """How things stand, in few words."""
-        return f"photos {np.nanmean(self.rounds[-1]):.2f} dB" if self.rounds else ""
+        seen = next((one for one in reversed(self.rounds) if one), None)
+        return f"photos {np.nanmean(seen):.2f} dB" if seen else ""
 
     @property
     def is_cut_short(self) -> bool:

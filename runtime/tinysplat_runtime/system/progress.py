@@ -126,7 +126,7 @@ def progress(
     note: Callable[[], str] = str,
     course: Course | None = None,
     costs: Sequence[float] | None = None,
-    size_of: Callable[[T], int] = lambda item: 1,
+    size_of: Callable[[T], int] | None = None,
 ) -> Iterator[T]:
     """Yield the items and show how many are done on standard error.
 
@@ -138,7 +138,7 @@ def progress(
         note: says how things stand.
         course: of the whole run, whose seconds left are said; without one, those of these items are.
         costs: see `Course.begin`.
-        size_of: how many an item counts for.
+        size_of: how many an item counts for; None for one.
     """
     if quiet:
         yield from items
@@ -157,7 +157,7 @@ def progress(
         with _speaker.saying(text):
             for item in items:
                 yield item
-                stage.next(size_of(item))
+                stage.next(size_of(item) if size_of else 1)
     finally:
         stage.is_over = True
 

@@ -108,12 +108,12 @@ def _size(camera: Camera) -> tuple[int, int]:
     return round(scale * camera.height), round(scale * camera.width)
 
 
-def write_sheet(folder: Path, sheet: Sheet) -> list[Path]:
-    """Write a sheet as PNG, in parts of MAX_ROWS rows; the files' paths."""
+def write_sheet(folder: Path, sheet: Sheet, told: Told = NOBODY) -> list[Path]:
+    """Write a sheet as PNG, in parts of MAX_ROWS rows, which `told` counts; the files' paths."""
     safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in sheet.name)
     parts = [sheet.rows[i : i + MAX_ROWS] for i in range(0, len(sheet.rows), MAX_ROWS)]
     paths = [folder / f"{safe}{f'-{n + 1}' if len(parts) > 1 else ''}.png" for n in range(len(parts))]
-    for path, rows in zip(paths, parts, strict=True):
+    for path, rows in told.progress("writing sheets", list(zip(paths, parts, strict=True))):
         _draw(path, sheet.title, rows)
     return paths
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,12 @@ from .planes import plane_shape
 
 @dataclass(frozen=True)
 class _Tier:
-    """A tier of a file."""
+    """A tier of a file; `another` is called when one of its pictures is decoded."""
 
     file: OpenFile
     number: int
     own: Tier
+    another: Callable[[], object] = object
 
     @property
     def is_present(self) -> bool:
@@ -41,6 +42,11 @@ class _Tier:
 
     def values(self, channel: ListChannel, order: Order) -> Numbers:
         """A channel's numbers."""
+        found = self._values(channel, order)
+        self.another()
+        return found
+
+    def _values(self, channel: ListChannel, order: Order) -> Numbers:
         record = channel.record
         if record.lacks(0):
             return Numbers.alike(self.own.count, channel.centre)
@@ -67,8 +73,9 @@ def decode_list(file: OpenFile, scene: ListScene) -> Gaussians:
     growth = scene.tiers[present].growth if present < len(tiers) else 0.0
     crew = Crew(file.threads)
     fields, parts = arrays_by_tier([tier.own.count for tier in tiers[:present]], len(scene.mean))
-    for tier, part in zip(tiers, parts, strict=False):
-        _decode_tier(scene, tier, growth, crew, part)
+    with file.told.counting("decoding pictures", sum(len(tier.own.channels) for tier in tiers[:present])) as another:
+        for tier, part in zip(tiers, parts, strict=False):
+            _decode_tier(scene, replace(tier, another=another), growth, crew, part)
     return Gaussians.unchecked(**fields, origin=file.container.origin)
 
 

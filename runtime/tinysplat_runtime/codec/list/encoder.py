@@ -45,6 +45,7 @@ from ...system import disk
 from ...system.decibels import decibels
 from ...system.evenly import evenly
 from ...system.threads import Crew
+from ...system.told import NOBODY, Told
 from ..depth_step.blocks import whole_steps
 from ..hevc import CodedPlane, encode_plane
 from ..job import EncodeStats, check_qp
@@ -139,6 +140,7 @@ class ListEncoder(Coder):
         steps: Steps | None = None,
         tiers: Tiers | None = None,
         recolour: Callable[[Gaussians, NDArray], NDArray] | None = None,
+        told: Told = NOBODY,
     ) -> None:
         """Leave out what no renderer shows.
 
@@ -152,6 +154,7 @@ class ListEncoder(Coder):
             tiers: what a prefix shows first; None for one tier.
             recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had; told
                 which of `gaussians` they are.
+            told: who is told how many pictures are coded.
 
         Raises:
             InputError: no Gaussian shows; or numbers beyond what a file can hold.
@@ -160,7 +163,7 @@ class ListEncoder(Coder):
         self._shown = np.flatnonzero(shown)
         self._gaussians = taken(flat, self._shown)
         self._tiers = tiers.of(shown) if tiers else Tiers.whole(self._gaussians.count)
-        self._recolour = recolour
+        self._recolour, self._told = recolour, told
         views = views or views_of(self._gaussians)
         self._sizes = None if views.is_object else sizes_about(self._gaussians)
         self.profile, self._threads, self._stats = profile, threads, stats
@@ -275,7 +278,8 @@ class ListEncoder(Coder):
 
     def _coded(self, tiers: Sequence[_Tier], steps: Steps, settings: EncoderSettings | None) -> ListScene:
         """The scene, and in each tier its channels in the order of records; without settings rounded alone."""
-        code = _ChannelCoder(steps, settings, Crew(self._threads))
+        run_jobs = Crew(self._threads).map
+        code = _ChannelCoder(steps, settings, self._told.counted("coding", run_jobs) if settings else run_jobs)
         sizes = np.concatenate([tier.columns.sizes for tier in tiers])
         middle = _middle(sizes) if steps.by_size else _far_below(sizes)
         thresholds, weights = _code_shapes(tiers, middle, code)
@@ -332,11 +336,16 @@ class _ChannelCoder:
 
     steps: Steps
     settings: EncoderSettings | None
-    crew: Crew
+    run_jobs: Callable
 
     def all(self, jobs: Sequence[tuple[PlaneClass, int, NDArray]], tier: _Tier) -> list[_Coded]:
         """Channels of a tier that do not depend on one another, by class and target."""
-        return self.crew.map(lambda job: self.one(*job, tier), jobs)
+
+        def one(job: tuple[PlaneClass, int, NDArray]) -> _Coded:
+            return self.one(*job, tier)
+
+        found: list[_Coded] = self.run_jobs(one, jobs)
+        return found
 
     def one(self, plane_class: PlaneClass, target: int, values: NDArray, tier: _Tier) -> _Coded:
         """A channel: numbers over their gains, as a picture in their order."""
