@@ -1,5 +1,5 @@
 /** Files to Gaussians: which pictures are at hand, and what each mode does with them. */
-import { crew } from "./crew.js";
+import { breathe, crew } from "./crew.js";
 import { crc32 } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
@@ -230,6 +230,14 @@ function requireDepth(pictures) {
   require(isThere, "holds no intact depth picture", "file");
 }
 
+/**
+ * Whether Gaussians were made before on this page. Its first ones are few: by then it is clear what is worth compiling,
+ * which happens while further pictures are decoded. Until it has, Gaussians take ten times as long and leave garbage.
+ */
+let isCompiled = false;
+const FIRST_ROWS = 24;
+const PAUSES = 3;
+
 /** @param {Pictures} pictures @returns {Promise<Decoded>} */
 async function decodeLayers(pictures) {
   const { file } = pictures;
@@ -245,6 +253,11 @@ async function decodeLayers(pictures) {
           return (await pictures.plane(name, channel.streams[view], layer, layer.set)) ?? standInCode(layer, record);
         }),
       );
+      if (!isCompiled) {
+        isCompiled = true;
+        synthesis.run(view, codes, undefined, FIRST_ROWS);
+        for (let pause = 0; pause < PAUSES; pause++) await breathe();
+      }
       synthesis.run(view, codes);
       if (hiding >= 0 && typeof codes[hiding] === "number") synthesis.hide(view);
     });

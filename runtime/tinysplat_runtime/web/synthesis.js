@@ -136,16 +136,17 @@ export class Synthesis {
    * @param {number} view
    * @param {(Uint16Array | number | undefined)[]} codes by record: a picture's, one for all pixels, or none of a constant
    * @param {Float64Array[]} [base] eleven channels that codes are added to
+   * @param {number} [height] rows that are made, the first ones
    */
-  run(view, codes, base) {
+  run(view, codes, base, height = this.layer.height) {
     const { layer } = this;
     const frame = new ViewFrame(layer, view, this.origin);
     const rows = Array.from({ length: CHANNELS }, () => new Float64Array(layer.width));
-    for (let row = 0; row < layer.height; row++) {
+    for (let row = 0; row < height; row++) {
       this.gather(codes, base, rows, row * layer.width);
       this.place(frame, rows, row, this.first + (view * layer.height + row) * layer.width);
     }
-    this.paint(view, codes);
+    this.paint(view, codes, height);
   }
 
   /**
@@ -224,10 +225,11 @@ export class Synthesis {
    *
    * @param {number} view
    * @param {(Uint16Array | number | undefined)[]} codes
+   * @param {number} height rows that are made
    */
-  paint(view, codes) {
+  paint(view, codes, height) {
     const { layer, out } = this;
-    const pixels = layer.height * layer.width;
+    const pixels = height * layer.width;
     const stride = 3 * (out.degree + 1) ** 2;
     const added = this.colours.added.slice();
     /** @type {Uint16Array[]} */
@@ -250,7 +252,7 @@ export class Synthesis {
     columns.forEach((column, i) => column.forEach((weight, row) => (mix[row * count + i] = weight)));
     const values = new Float64Array(count);
     const { sh } = out;
-    let to = (this.first + view * pixels) * stride;
+    let to = (this.first + view * layer.height * layer.width) * stride;
     for (let pixel = 0; pixel < pixels; pixel++, to += stride) {
       for (let i = 0; i < count; i++) values[i] = pictures[i][pixel];
       for (let row = 0, at = 0; row < d; row++) {
