@@ -25,7 +25,7 @@ from tinysplat_runtime.system.progress import progress
 from .eval import numbers
 
 HELP = "error against run time, report with plots"
-NEEDS = ("matplotlib", "scipy")
+NEEDS = ("matplotlib",)
 
 DEFAULT_FOLDER = "bench_report"
 

@@ -16,7 +16,6 @@ from tinysplat.measure.quality import ProfileQp, Quality
 from tinysplat.measure.rows import RESULTS, ROWS, RowFile
 from tinysplat.measure.runner import RunOutcome, RunPlan, document, run_jobs
 from tinysplat.measure.show.quality import results_text
-from tinysplat.measure.show.tables import within
 from tinysplat.measure.subjects.cases import Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.cli.arguments import budget, indices, size
@@ -32,8 +31,6 @@ HELP = "PSNR, SSIM, LPIPS, sizes and times on an evaluation index"
 
 DEFAULT_FOLDER = "eval_results"
 
-TERMINAL = 100
-"""Columns that tables on the terminal fit."""
 DEFAULT_SIZE = (256, 256)
 
 
@@ -141,7 +138,7 @@ def run(args: Namespace) -> None:
         raise InputError(f"nothing could be measured; {summary_line(outcome)}", where="eval")
     _write(folder, args.json, document(outcome, lpips_text, threads, args.jobs))
     if not args.quiet:
-        print(within(results_text(outcome.rows), TERMINAL))
+        print(results_text(outcome.rows))
         print(f"\n{summary_line(outcome)}; {lpips_text}; results in {folder}")
 
 

@@ -32,7 +32,7 @@ from .lpips import LpipsFiles, load_lpips
 from .metrics import METRICS, psnr
 from .pictures import PictureJudge, PictureMetric, photo_psnr
 from .rows import Row, grouped
-from .subjects.cases import Shots, WindowJob, covered_pixels, nearest_views
+from .subjects.cases import Shots, WindowJob, covered_pixels
 
 STUDY = "quality"
 
@@ -129,7 +129,9 @@ class Prepared:
         pictures, cameras = PictureJudge(gaussians, shots.targets.cameras, runtime.threads), context.cameras
         covered = tuple(covered_pixels(c, cameras, shots.near, shots.far) for c in pictures.cameras)
         per_image = {"coverage": [float(mask.mean()) for mask in covered]}
-        nearest = [context.images[nearest_views(camera, cameras, 1)[0]] for camera in pictures.cameras]
+        centres = np.stack([camera.centre for camera in cameras])
+        away = [np.linalg.norm(centres - camera.centre, axis=1) for camera in pictures.cameras]
+        nearest = [context.images[distances.argmin()] for distances in away]
         for name, images in (("_raw", pictures.raw), ("_photo", nearest)):
             per_image |= _scores(images, photos, lpips, name, covered)
         return cls(shots, pictures, watch.seconds, per_image, covered, shared)

@@ -9,10 +9,13 @@ from typing import Any
 
 from ..quality import STUDY, mean_of_rows
 from ..rows import Row, grouped
-from .tables import Cell, Listing, Table, decibels, digits, kilobytes, mean, said
+from .tables import Cell, Listing, Table, decibels, digits, format_table, kilobytes, mean, said
 
 GROUP = ("kind", "views", "model", "profile", "qp", "size")
 """What rows that compare have in common."""
+
+FEW = 7
+"""Scenes that a terminal has columns for."""
 
 ENCODE_STAGES = ("vpt", "vabr", "quantise", "x265", "write")
 DECODE_STAGES = ("parse", "libavcodec", "synthesis")
@@ -28,12 +31,14 @@ def of_scenes(rows: Sequence[Row]) -> list[Row]:
 
 
 def results_text(rows: Sequence[Row]) -> str:
-    """Every group's table by scene."""
+    """A table of every group, a figure to a line: the mean of scenes, and where there are few, each."""
     sections = []
     for group, scenes in grouped(of_scenes(rows), *GROUP).items():
         kind, views, model, profile, qp, (height, width) = group
-        means = [replace(row, setting={**row.setting, "scene": "mean of scenes"}) for row in scenes]
-        table = _RESULTS([*scenes, *(means if len(means) > 1 else [])])
+        means = [replace(row, setting={**row.setting, "scene": "mean"}) for row in scenes]
+        shown = scenes if len(scenes) == 1 else [*means, *(scenes if len(scenes) <= FEW else [])]
+        lines = [[head, *cells] for head, cells in _RESULTS.cells(shown).items()]
+        table = format_table(lines[0], lines[1:])
         sections.append(f"{kind}, {views} views, {model}, {profile} at Q_g {qp:g}, {width}x{height}\n{table}")
     return "\n\n".join(sections)
 

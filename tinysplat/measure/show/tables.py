@@ -35,33 +35,6 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([text(lines[0]), f"|{rule}|", *(text(line) for line in lines[1:])])
 
 
-def within(text: str, width: int) -> str:
-    """A text whose tables are no wider: the columns of a wide one follow in further tables, each with the first."""
-    blocks = []
-    for block in text.split("\n\n"):
-        before, table = _before_and_table(block.splitlines())
-        blocks.append("\n".join([*before, "\n\n".join(_narrowed(table, width))] if table else before))
-    return "\n\n".join(blocks)
-
-
-def _before_and_table(lines: Sequence[str]) -> tuple[list[str], list[str]]:
-    first = next((i for i, line in enumerate(lines) if line.startswith("|")), len(lines))
-    return list(lines[:first]), list(lines[first:])
-
-
-def _narrowed(table: Sequence[str], width: int) -> list[str]:
-    header, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in (table[0], *table[2:]))
-    widths = [max(map(len, column)) + 3 for column in zip(header, *rows, strict=True)]
-    parts: list[list[int]] = [[]]
-    for column in range(1, len(header)):
-        if parts[-1] and 1 + widths[0] + sum(widths[i] for i in (*parts[-1], column)) > width:
-            parts.append([])
-        parts[-1].append(column)
-    return [
-        format_table([header[i] for i in (0, *part)], [[row[i] for i in (0, *part)] for row in rows]) for part in parts
-    ]
-
-
 def number(value: Any, digits: int) -> str:
     """A number with so many digits behind the point, or a dash."""
     if value is None:
@@ -128,11 +101,15 @@ class Listing:
         return "\n\n".join([*filter(None, [self.text]), *tables])
 
     def table(self, rows: Sequence[Row]) -> str:
-        """One table of rows, whatever their study, without columns of which no row says anything."""
+        """One table of rows, whatever their study."""
+        columns = self.cells(rows)
+        return format_table(list(columns), zip(*columns.values(), strict=True))
+
+    def cells(self, rows: Sequence[Row]) -> dict[str, list[str]]:
+        """What the table's columns say by heading, without those of which no row says anything."""
         groups = grouped(rows, *self.by).values() if self.by else [[row] for row in rows]
         columns = {head: [cell(group) for group in groups] for head, cell in self.columns.items()}
-        columns = {head: cells for head, cells in columns.items() if set(cells) != {ABSENT}}
-        return format_table(list(columns), zip(*columns.values(), strict=True))
+        return {head: cells for head, cells in columns.items() if set(cells) != {ABSENT}}
 
 
 def said(name: str, write: Callable[[Any], str] = str) -> Cell:

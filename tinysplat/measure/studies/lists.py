@@ -9,6 +9,7 @@ from the fifth on, which training should not have seen, and are held against the
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -142,22 +143,15 @@ def _share(rows: Sequence[Row]) -> str:
 
 
 def bytes_at(points: Iterable[Point], db: float) -> float | None:
-    """Bytes that a curve needs for a PSNR, between its points; None outside them."""
-    from scipy.interpolate import PchipInterpolator
-
-    curve = _curve(points)
-    if len(curve) < 2 or not curve[0, 0] <= db <= curve[-1, 0]:
+    """Bytes that a curve needs for a PSNR, between its points on a scale of decibels; None outside them."""
+    rising: list[tuple[float, float]] = []  # dB and log bytes; points that others beat in both are left out
+    for size, level in sorted(points, key=lambda p: (p[0], -p[1])):
+        if not rising or level > rising[-1][0]:
+            rising.append((level, math.log(size)))
+    if len(rising) < 2 or not rising[0][0] <= db <= rising[-1][0]:
         return None
-    return float(np.exp(PchipInterpolator(*curve.T)(db)))
-
-
-def _curve(points: Iterable[Point]) -> NDArray:
-    """(n, 2) dB and log bytes, rising in both: of points that others beat in both, none is kept."""
-    kept: list[tuple[float, float]] = []
-    for size, db in sorted(points, key=lambda p: (p[0], -p[1])):
-        if not kept or db > kept[-1][0]:
-            kept.append((db, float(np.log(size))))
-    return np.array(kept).reshape(-1, 2)
+    levels, sizes = zip(*rising, strict=True)
+    return math.exp(float(np.interp(db, levels, sizes)))
 
 
 def _in_short(way: str, qp: float | None = None) -> Cell:

@@ -123,12 +123,6 @@ class WindowJob:
         return digest(source, model_fingerprint(self.model), self.size, code_fingerprint(), *options)
 
 
-def nearest_views(camera: Camera, among: Sequence[Camera], count: int) -> list[int]:
-    """The views whose centres are nearest to a camera's, in the order in which they are given."""
-    distances = [float(np.linalg.norm(other.centre - camera.centre)) for other in among]
-    return sorted(np.argsort(distances, kind="stable")[:count].tolist())
-
-
 def covered_pixels(target: Camera, context: Sequence[Camera], near: float, far: float) -> NDArray:
     """Pixels whose ray runs inside the context views' frames: (H, W) bool.
 
