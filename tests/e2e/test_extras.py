@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import tomllib
+from measure.evaluation_scenes import write_eval_scene
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
@@ -41,8 +42,8 @@ CASES: dict[str, list[tuple[str, tuple[str, ...]]]] = {
     "eval": [
         ("PIL", (*CLI, "compare", "g.npz", "g.npz")),
         ("matplotlib", (*CLI, "bench", "--quick")),
-        ("skimage", (*CLI, "eval", "g.npz", "-q")),
-        ("torch", (*CLI, "eval", "g.npz", "--lpips", "vgg", "--lpips-backbone", "b.pth", "--lpips-linear", "l.pth")),
+        ("skimage", (*CLI, "eval", "scene", "--model", "sweep", "-q")),
+        ("torch", (*CLI, "eval", "scene", "--model", "sweep", "--lpips-backbone", "b.pth", "--lpips-linear", "l.pth")),
     ],
     "completion": [("shtab", (*CLI, "completion", "bash"))],
     "app": [("gradio", ("script", "examples/app/app.py"))],
@@ -80,6 +81,7 @@ def test_no_extra_is_forgotten() -> None:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("extras")
+    write_eval_scene(folder / "scene")
     gaussians = make_smooth_gaussians(2, 8, 8, degree=0)
     for suffix in (".npz", ".ply", ".safetensors"):
         ts.save_gaussians(folder / f"g{suffix}", gaussians)

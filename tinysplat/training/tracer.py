@@ -144,7 +144,7 @@ def _shade(one: Primitive, eye: NDArray, rays: NDArray, depth: NDArray, axis: ND
 
 def _texels(texture: NDArray, uv: NDArray) -> NDArray:
     """(3, n) in [0, 1] of a texture at columns and rows (2, n), bilinear."""
-    from scipy.ndimage import map_coordinates
+    from scipy.ndimage import map_coordinates  # which scikit-image brings
 
     planes = np.moveaxis(texture, -1, 0).astype(np.float32) / 255
     return np.stack([map_coordinates(plane, uv[::-1], order=1, mode="mirror") for plane in planes])
