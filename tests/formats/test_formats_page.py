@@ -19,10 +19,8 @@ def test_the_page_has_the_rows_of_the_table() -> None:
     ]
     expected = [
         [
-            form.name,
+            form.name if form.write else f"{form.name} (read only)",
             ", ".join(f"`{ending}`" for ending in form.endings),
-            "✓" if form.read else "",
-            "✓" if form.write else "",
             form.keeps,
             f"`{form.extra}`" if form.extra else "–",
             form.checked,
