@@ -79,8 +79,6 @@ test("nothing is drawn while nothing changes, and one order is asked for at a ti
 test("nearer views have larger shares, unless all are alike", () => {
   const viewer = made(), { front, all } = viewer.shares();
   assert.ok(front[0] > front[1] && front[1] >= front[2] && all.length === 3);
-  viewer.settings.nearFirst = false;
-  assert.deepEqual([...viewer.shares().front], [0, 0, 0]);
   assert.deepEqual([...made([view(0), view(0)]).shares().front], [1, 1]);
 });
 
@@ -215,6 +213,6 @@ test("where nothing is shows the background that is told, and no surroundings of
   viewer.background = [1, 1, 1];
   const { ground, isFramed } = viewer.drawing();
   assert.deepEqual([ground, isFramed], [[1, 1, 1], false]);
-  viewer.settings.depth = true;
+  viewer.showDepth(true);
   assert.deepEqual(viewer.drawing().ground, [0, 0, 0]);
 });

@@ -1,7 +1,7 @@
 // Puts the page together: its scene, its panel and its words.
 import { Capture } from "./capture.js";
 import { makeCloud } from "./cloud.js";
-import { bytesByUse, captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
+import { captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
 import { frontView } from "./front.js";
 import { FEW } from "./near.js";
 import { sceneOf, viewOf } from "./scene.js";
@@ -26,27 +26,6 @@ const THREADS = globalThis.origin === "null" ? 0 : undefined; // pages from disk
 const MOST = { maxPixels: 2 ** 25, maxMemory: 2 ** 31, maxPerByte: 256 }; // of what strangers send: docs/PLAYER.md
 const FIRST = "first picture"; // a mark of the browser's clock, for measurements
 
-function element(tag, text) {
-  const made = document.createElement(tag);
-  if (text !== undefined) made.textContent = text;
-  return made;
-}
-
-function fillUses(uses) {
-  const total = uses.reduce((sum, [, n]) => sum + n, 0), table = element("table");
-  for (const [name, n] of uses) {
-    const row = table.insertRow();
-    row.insertCell().textContent = name;
-    row.insertCell().textContent = inKilobytes(n);
-    const bar = element("div"), cell = table.insertRow().insertCell();
-    bar.className = "bar";
-    bar.style.width = `${(100 * n) / total}%`;
-    cell.colSpan = 2;
-    cell.append(bar);
-  }
-  find("classes").replaceChildren(table);
-}
-
 class Panel {
   // link(): the address of what shows now.
   constructor(viewer, link) {
@@ -67,12 +46,10 @@ class Panel {
       [attribution, licence].filter(Boolean).join(", "),
     ].filter(Boolean).join("; ");
     if (isSame) return this.shown();
-    fillUses(bytesByUse(about));
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
     find("linkRow").hidden = !/^(http|file)/.test(location.protocol);
     find("freeRow").hidden = !hasCameras;
-    find("nearRow").hidden = find("ownRow").hidden = !cloud.viewCount;
     find("fliesRow").hidden = hasCameras;
     find("place").max = views.length;
     this.shown();
@@ -85,17 +62,11 @@ class Panel {
   }
 
   #listen() {
-    const { viewer } = this, { settings } = viewer;
+    const { viewer } = this;
     find("place").oninput = () => this.select(viewer.order[find("place").value - 1]);
     find("before").onclick = () => viewer.step(-1);
     find("after").onclick = () => viewer.step(1);
-    for (const [id, name, value] of [["depth", "depth", "checked"], ["own", "ownPixels", "checked"], ["near", "nearFirst", "checked"], ["opacity", "leastOpacity", "value"]]) {
-      find(id).oninput = () => {
-        settings[name] = value === "value" ? Number(find(id).value) : find(id).checked;
-        viewer.move();
-        this.shown();
-      };
-    }
+    find("depth").oninput = () => viewer.showDepth(find("depth").checked);
     find("swing").checked = viewer.isSwinging;
     find("swing").onchange = () => viewer.swing(find("swing").checked);
     find("free").onchange = () => {
@@ -103,7 +74,6 @@ class Panel {
       find("fliesRow").hidden = !find("free").checked;
     };
     find("flies").onchange = () => { viewer.free.flies = find("flies").checked; };
-    find("photoPlace").onchange = () => this.shown();
     find("back").onclick = () => { viewer.back(); viewer.canvas.focus(); };
     find("link").onclick = async () => {
       find("link").textContent = await copied(this.link()) ? "Copied" : "The address bar has the link";
@@ -113,7 +83,7 @@ class Panel {
       this.compares = isAsked;
       if (isAsked && this.scene && viewer.isSwinging) viewer.select(viewer.nearest()[0]); // what moves stops at a photo's place
       this.shown();
-    }, words = find("link").textContent, isC = ({ code, target, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey && target.tagName !== "SELECT";
+    }, words = find("link").textContent, isC = ({ code, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey;
     find("compare").onpointerdown = () => compare(true);
     for (const name of ["pointerup", "pointercancel", "blur"]) addEventListener(name, () => { if (this.compares) compare(false); });
     find("compare").onclick = ({ detail }) => { if (!detail) compare(!this.compares); }; // by a key
@@ -129,16 +99,14 @@ class Panel {
   shown() {
     const { viewer, scene } = this;
     if (!scene) return;
-    const { current } = viewer, photo = this.photos[current], place = find("photoPlace").value;
-    find("opacity").parentElement.querySelector("output").textContent = find("opacity").value;
+    const { current } = viewer, photo = this.photos[current];
     const at = viewer.order.indexOf(current) + 1, { length } = viewer.order;
     find("place").value = at;
     find("placeOf").textContent = `${at} / ${length}`;
     [find("before").disabled, find("after").disabled] = [at === 1, at === length];
     find("swing").checked = viewer.isSwinging;
-    find("photoRow").hidden = find("compareRow").hidden = !photo;
-    find("photo").hidden = !photo || (!this.compares && (place === "off" || (place === "over" && (viewer.isAway || viewer.isSwinging))));
-    find("photo").className = this.compares ? "over" : place;
+    find("compareRow").hidden = !photo;
+    find("photo").hidden = !photo || !this.compares;
     if (photo) find("photo").src = photo;
     find("back").hidden = !viewer.isAway && current === viewer.start;
   }
@@ -374,9 +342,13 @@ class Page {
     this.reopen = () => this.openChosen(file);
     this.panel.photos = [];
     this.first = undefined;
-    const name = file.name.replace(/\.tsplat$/, ""), about = await captureIn(heldIn(file), this.decoder.inspect, FEW);
-    if (about?.bytes === file.size) return this.openCapture(name, about, heldIn(file));
-    return this.open(name, () => file.stream(), file.size);
+    return this.#openBlob(file.name.replace(/\.tsplat$/, ""), file, file.size);
+  }
+
+  async #openBlob(name, blob, whole, opening) {
+    const about = await captureIn(heldIn(blob), this.decoder.inspect, FEW);
+    if (about?.bytes === blob.size) return this.openCapture(name, about, heldIn(blob), opening);
+    return this.open(name, () => blob.stream(), whole, opening);
   }
 
   // name: what the file is called, if not as its address ends.
@@ -395,9 +367,7 @@ class Page {
     }
     const parts = [];
     for await (const part of fetched(source.body, signal, told)) parts.push(part);
-    const whole = new Blob(parts), about = await captureIn(heldIn(whole), this.decoder.inspect, FEW);
-    if (about?.bytes === whole.size) return this.openCapture(name, about, heldIn(whole), opening);
-    return this.open(name, () => whole.stream(), 0, opening);
+    return this.#openBlob(name, new Blob(parts), 0, opening);
   }
 
   listen() { // for files that are dropped or chosen

@@ -25,8 +25,7 @@ export class Viewer {
   // them, with the views that are wanted when the camera is or goes elsewhere (capture.js), and when all has come to rest.
   // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
   constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
-    Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false });
-    this.settings = { leastOpacity: 0, depth: false, ownPixels: true, nearFirst: true };
+    Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false, showsDepth: false });
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
       back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
@@ -194,6 +193,12 @@ export class Viewer {
     this.told.moved();
   }
 
+  // Distances as colours, in place of the scene's own.
+  showDepth(isAsked) {
+    this.showsDepth = isAsked;
+    this.isDirty = true;
+  }
+
   setFree(isFree) {
     this.isFree = isFree;
     if (!isFree && this.near) this.back();
@@ -230,9 +235,7 @@ export class Viewer {
   shares() {
     const { views, hasCameras } = this.scene;
     if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [], behind: [] };
-    const found = shares(distances(views, this.cloud.depth, this.camera), this.counted, this.cloud.held);
-    if (!this.settings.nearFirst) found.front.fill(0);
-    return found;
+    return shares(distances(views, this.cloud.depth, this.camera), this.counted, this.cloud.held);
   }
 
   // The point that shows at a pixel: on the nearest Gaussians there, or as deep as the scene where there are none.
@@ -262,13 +265,12 @@ export class Viewer {
   }
 
   drawing() {
-    const { settings, bound, isBare } = this, isNear = bound && !this.isFree;
+    const { bound, isBare, showsDepth: depth } = this, isNear = bound && !this.isFree;
     const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
-    const isFramed = isNear && !isBare && !settings.depth && !this.background; // else its surroundings continue the picture
+    const isFramed = isNear && !isBare && !depth && !this.background; // else its surroundings continue the picture
     return {
-      nearPlane: this.scene.nearPlane, shares: this.shares(), ownPixels: settings.ownPixels,
-      leastOpacity: settings.leastOpacity, depth: settings.depth,
-      fades: !isBare && !settings.depth, light: isBare ? 1 : lightAt(strain), ground: settings.depth ? [0, 0, 0] : this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground),
+      nearPlane: this.scene.nearPlane, shares: this.shares(), depth,
+      fades: !isBare && !depth, light: isBare ? 1 : lightAt(strain), ground: depth ? [0, 0, 0] : this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground),
       isFramed, follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
     };
   }
@@ -349,7 +351,7 @@ export class Viewer {
     if (!moves) this.hasShown = true;
     if (this.covers(this.camera)) this.isNew = false; // margins stay from now on
     if (this.share < 1 || moves) return;
-    document.body.dataset.ready = String(this.settings.leastOpacity);
+    document.body.dataset.ready = "";
     if (!this.wanted) this.told.rested?.();
   }
 }
