@@ -50,6 +50,7 @@ lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm tsc for JavaS
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	! command -v npx >/dev/null || npx --yes --package typescript@5.9.3 tsc -p jsconfig.json
+	! command -v npx >/dev/null || npx --yes --package typescript@5.9.3 tsc -p checks/types/web.json
 
 format: $(VENV)/.installed  ## rewrite in the project's style
 	$(VENV)/bin/ruff check --fix .

@@ -3,7 +3,7 @@ PlayCanvas' splat-transform.
 
     apt-get install -y chromium
     npm install three @sparkjsdev/spark @babylonjs/core @playcanvas/splat-transform    # in the folder this is run in
-    python checks/engines.py F.tsplat [engines.webp [dilated.webp]]
+    PYTHONPATH=tests python checks/engines.py F.tsplat [engines.webp [dilated.webp]]
 
 Every engine draws the same file from the same camera, moved and rolled against the first input view and three times as
 large. The file is F's Gaussians, widened as for other viewers (`--dilate`); turned so that it looks along no axis, and
@@ -30,11 +30,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
 from page.browser import Browser
+from PIL import Image
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian import OWN_VARIANCE

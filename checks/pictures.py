@@ -24,7 +24,8 @@ EXAMPLES = "python examples/demo.py --out demo_out"
 ENCODED = "python examples/demo.py --out demo_out --photos && tinysplat encode demo_out/motorcycle -o demo.tsplat"
 PAGE = ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css"]
 MUG = "tinysplat encode mug/ --views 0-15 --masks background --mode list -o mug.tsplat"
-ENGINES = f"{ENCODED} --size 256x256 && python checks/engines.py demo.tsplat docs/engines.webp docs/dilated.webp"
+DRAWN_BY_ENGINES = "PYTHONPATH=tests python checks/engines.py demo.tsplat docs/engines.webp docs/dilated.webp"
+ENGINES = f"{ENCODED} --size 256x256 && {DRAWN_BY_ENGINES}"
 
 
 @dataclass(frozen=True)

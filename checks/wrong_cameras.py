@@ -144,6 +144,14 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
 }
 
 
+RANGES = {  # factors of near and far, where these are stated
+    "near a twentieth": (0.05, 1),
+    "near and far × 0.1": (0.1, 0.1),
+    "near and far × 10": (10, 10),
+    "near and far × 1,000": (1000, 1000),
+}
+
+
 def windows(folder: Path, count: int) -> dict[str, list[int]]:
     """Photos to look at by kind and number, a pair and four of them in any case."""
     index, middle = folder / "eval_index.json", count // 2 - 2
@@ -211,6 +219,15 @@ def look_at_wrong(folder: Path, window: Scene, size: str, faults: str, kinds: di
         tally[name, size] += bool(lines), is_named, 1
         if not is_named:
             print(f"{folder.name} {size} {name}: {lines[0] if lines else 'nothing'}", flush=True)
+    for name, (nearer, farther) in RANGES.items() if not window.is_estimated else ():
+        if faults in name:
+            ranged = dataclasses.replace(window, near=nearer * window.near, far=farther * window.far)
+            lines = found(ranged, kinds)
+            tally[name, size] += (
+                bool(lines),
+                any(word in line for line in lines for word in ("near", "units", "depth")),
+                1,
+            )
 
 
 def main() -> None:

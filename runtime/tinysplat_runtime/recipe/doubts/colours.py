@@ -7,17 +7,13 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from .seen import Seen
-
-TELLING = 12
-"""Corners in common from which on a pair of photos says something of their colours."""
+from .seen import CHANCE, Seen
 
 DARKER = 0.4
 """Of other photos' brightness, at the same corners."""
 
-EXCHANGED, COLOURED = 0.6, 0.02
-"""An order of channels is another photo's own whose difference is below this share of that as given, which is at least
-the second."""
+COLOURED = 0.02
+"""Difference of colours from which on another order of channels means something."""
 
 _NAMES = ("red", "green", "blue")
 
@@ -26,7 +22,7 @@ def colour_doubts(seen: Seen) -> list[str]:
     """A photo much darker or brighter than others, or of exchanged colours."""
     if len(seen.closer) < 3:
         return []
-    samples = {pair: _samples(seen, pair) for pair, places in seen.places.items() if len(places) >= TELLING}
+    samples = {pair: _samples(seen, pair) for pair, places in seen.places.items() if len(places) >= CHANCE}
     for v in seen.closer:
         own = [(one, other) if pair[0] == v else (other, one) for pair, (one, other) in samples.items() if v in pair]
         rest = [pair for pair in samples.items() if v not in pair[0]]
@@ -67,7 +63,7 @@ def _order(pairs: list[tuple[NDArray, NDArray]]) -> tuple[int, ...]:
     off = {order: float(np.median(np.abs(one[:, order] - other).mean(axis=1))) for order in permutations(range(3))}
     best = min(off, key=lambda order: off[order])
     given = off[0, 1, 2]
-    return best if given > COLOURED and off[best] < EXCHANGED * given else ()
+    return best if given > COLOURED and 2 * off[best] < given else ()
 
 
 def _said(order: tuple[int, ...]) -> str:

@@ -6,25 +6,15 @@ import numpy as np
 
 from ...scene.matches import inliers, matched
 from .readings import readings, single
-from .seen import Seen
+from .seen import CHANCE, ENOUGH, Seen
 
-AS_GOOD, MOST_NAMED = 1.1, 3
-"""Readings that so many times as few corners fit as the best one are named beside it, up to so many: of cameras in a
-row, pictures swapped, turned upside down and with inverted poses say the same."""
+MORE = 1.25
+"""A reading is better that so many times as many corners fit, and more than by chance: of right cameras of ten scenes
+the best has 0.92 times, of focal lengths 1.3 times too long at least 1.3. Of cameras in a row, pictures swapped, turned
+upside down and with inverted poses are as good as each other."""
 
-MORE, LEAST = 1.25, 8.0
-"""A reading is named that so many times as many corners fit as the cameras given, and so many more: of right cameras
-of ten scenes the best has 0.92 times, of focal lengths 1.3 times too long at least 1.3."""
-
-SUSPECTS = 3
-"""Photos that fit worst, of which readings of one alone are looked at, by its own corners."""
-
-TELLING, INSIDE = 30, 0.5
-"""So many corners that tell their depth say whether a range is right: it holds this share of their depths or more."""
-
-WELL_JOINED, UNJOINED = 30.0, 1.0
-"""A photo stands alone of whose corners at most the second fit any other's, where all others have the first with one
-another."""
+NAMED = 3
+"""Readings that are named, and photos that fit worst, of which each alone is read in other ways."""
 
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 
@@ -38,7 +28,7 @@ def misread(seen: Seen) -> list[str]:
         own = [pair for pair in places if v in pair]
         return sum(shares[pair] for pair in own) / max(1, sum(len(places[pair]) for pair in own))
 
-    odd = sorted(cameras, key=share)[:SUSPECTS] if len(cameras) > 2 else [-1]
+    odd = sorted(cameras, key=share)[:NAMED] if len(cameras) > 2 else [-1]
     beside = [pair for pair in places if odd[0] not in pair]
     rest = sum(shares[pair] for pair in beside)
     scores: dict[str, float] = {}
@@ -48,16 +38,16 @@ def misread(seen: Seen) -> list[str]:
             continue
         around = [pair for pair in places if odd[0] in pair]
         score = kept + sum(inliers(places[v, u], read(v), read(u)) for v, u in around)
-        if score >= max(MORE * given, given + LEAST):
+        if score >= max(MORE * given, given + CHANCE):
             scores[text] = score
     for view in odd if len(cameras) > 2 else ():
         scores |= _scores_of_one(seen, view)
     most = max(scores.values(), default=0.0)
     best: dict[str, str] = {}  # of each cause the reading that fits best
     for text in sorted(scores, key=lambda text: -scores[text]):
-        if AS_GOOD * scores[text] > most:
+        if MORE * scores[text] > most:
             best.setdefault(text.split(": ")[0], text)
-    return [f"{'; or '.join([*best.values()][:MOST_NAMED])}, photos agree far better"] if best else []
+    return [f"{'; or '.join([*best.values()][:NAMED])}, photos agree far better"] if best else []
 
 
 def _scores_of_one(seen: Seen, view: int) -> dict[str, float]:
@@ -71,7 +61,7 @@ def _scores_of_one(seen: Seen, view: int) -> dict[str, float]:
         known, read_as = {**seen.corners, view: its}, {**cameras, view: camera}
         both = places if its is seen.corners[view] else {(v, u): matched(known[v], known[u]) for v, u in around}
         fits = sum(inliers(both[v, u], read_as[v], read_as[u]) for v, u in around)
-        if fits >= max(MORE * own, own + LEAST):
+        if fits >= max(MORE * own, own + CHANCE):
             scores[text] = rest + fits
     return scores
 
@@ -86,7 +76,7 @@ def alone(seen: Seen) -> list[str]:
         return max((share for pair, share in seen.shares.items() if v in pair and without not in pair), default=0.0)
 
     v = min(views, key=most)
-    if most(v) > UNJOINED or min(most(u, without=v) for u in views if u != v) < WELL_JOINED:
+    if most(v) >= 1 or min(most(u, without=v) for u in views if u != v) < ENOUGH:
         return []
     cause = "of another scene or moment, turned away, or its pose is wrong"
     fault = "has nothing in common with the others, which match each other"
@@ -95,16 +85,16 @@ def alone(seen: Seen) -> list[str]:
 
 def range_of_corners(seen: Seen) -> list[str]:
     """A range that most corners lie outside of."""
-    if seen.is_estimated or len(seen.corner_depths) < TELLING:
+    if seen.is_estimated or len(seen.corner_depths) < ENOUGH:
         return []
     near, far = seen.depths[0], seen.depths[-1]
 
     def inside(unit: float) -> float:
         return float(((near <= unit * seen.corner_depths) & (unit * seen.corner_depths <= far)).mean())
 
-    if inside(1.0) >= INSIDE:
+    if inside(1.0) >= 0.5:
         return []
-    if len(better := [unit for unit in UNITS if inside(unit) >= INSIDE]) == 1:
+    if len(better := [unit for unit in UNITS if inside(unit) >= 0.5]) == 1:
         return [_other_units(better[0])]
     return [_other_range(near, far, *np.percentile(seen.corner_depths, (2, 98)))]
 

@@ -10,11 +10,8 @@ from .seen import Seen
 LARGEST_SKEW = 0.01
 """Skew over focal length that pixels of no camera have."""
 
-SHRUNK = 0.4
-"""Of a photo's width and height: without distortion no less is left of one that a lens took."""
-
-CENTRAL = (0.1, 0.9)
-"""Where in a photo's width and height its principal point lies, even of one that was cut out of another."""
+BORDER = 0.1
+"""Share of a photo's width and height at its sides, where no principal point lies even if it was cut from another."""
 
 
 def impossible(seen: Seen) -> list[str]:
@@ -22,7 +19,7 @@ def impossible(seen: Seen) -> list[str]:
     for name, camera, frame in zip(seen.names, seen.cameras, seen.frames, strict=True):
         if frame.lens is not None:
             pinhole = frame.lens.camera(np.eye(4))
-            if pinhole.width < SHRUNK * frame.lens.width or pinhole.height < SHRUNK * frame.lens.height:
+            if 2 * pinhole.width < frame.lens.width or 2 * pinhole.height < frame.lens.height:
                 sizes = f"{frame.lens.width}x{frame.lens.height} to {pinhole.width}x{pinhole.height}"
                 return [f"{name}: its distortion (k1, k2, …) shrinks it from {sizes} pixels, as that of no lens does"]
         if text := _off_centre(camera):
@@ -37,8 +34,7 @@ def impossible(seen: Seen) -> list[str]:
 def _off_centre(camera: Camera) -> str:
     """What to say of a principal point that no photo has, which lies at the border or beyond."""
     x, y = camera.K[0, 2] / camera.width, camera.K[1, 2] / camera.height
-    low, high = CENTRAL
-    if low <= x <= high and low <= y <= high:
+    if max(abs(x - 0.5), abs(y - 0.5)) <= 0.5 - BORDER:
         return ""
     place = f"({100 * x:.0f} %, {100 * y:.0f} %) of width and height"
     return f"K's principal point lies at {place}, where it is near (50 %, 50 %): of another size of photo, or missing"

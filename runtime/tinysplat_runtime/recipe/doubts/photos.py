@@ -7,29 +7,22 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from ...scene.matches import MOVED, NOISE
 from .seen import Seen
 
-BLANK = 4 / 255
-"""A thumbnail whose brightness spans less shows nothing."""
-
-BLACK, OPEN = 10 / 255, 0.6
-"""Brightness that bars nowhere exceed, and the share of the next line that does: bars end straight, dark things do not.
-"""
+BLACK = 10 / 255
+"""Brightness that bars nowhere exceed, and that a thumbnail spans which shows something."""
 
 NARROWEST = 0.03
 """Of a photo's height or width, that a bar on either side takes at least."""
 
-STAYS, MOVES = 0.75, 3.0
-"""Pixels within which a corner is at the same place in two photos, and that the median of all others moves at least."""
-
-STUCK, MOST_PAIRS = 5, 0.6
-"""So many corners that stay at one place in this share of all pairs are on the lens, or on the photos: near the axis of
-a turntable some stay, too, but others in each pair."""
+STUCK = 5
+"""Corners that stay at one place in most pairs are on the lens, or on the photos; of right ones at most one does."""
 
 
 def useless(seen: Seen) -> list[str]:
     """Photos of one colour, and the same photo given twice."""
-    plain = [v for v, image in enumerate(seen.images) if np.ptp(image.mean(axis=-1)) < BLANK]
+    plain = [v for v, image in enumerate(seen.images) if np.ptp(image.mean(axis=-1)) < BLACK]
     lines = [f"{seen.names[v]} is of one colour, which shows nothing to find depth by" for v in plain]
     for v, image in enumerate(seen.images):
         twin = next((u for u in range(v) if np.array_equal(seen.images[u], image)), None)
@@ -64,26 +57,29 @@ def bars_of(image: NDArray) -> str:
         inside = light.take([min(first + 1, last), max(last - 1, first)], axis=1 - axis)
         across = np.flatnonzero(light.max(axis=1 - axis) > BLACK)
         share = (inside > BLACK).mean() * light.shape[axis] / max(1, np.ptp(across) + 1)
-        if share >= OPEN:
+        if share > 0.5:  # bars end straight, dark things do not
             sides.append(words)
     return " and ".join(sides)
 
 
 def stuck(seen: Seen) -> list[str]:
-    """Corners that stay at their place in the picture while all others move: a banner, a date, dirt, a frame."""
+    """Corners that stay at their place in the picture while all others move: a banner, a date, dirt, a frame.
+
+    Near the axis of a turntable some stay, too, but others in each pair.
+    """
     pairs, still_in = 0, Counter[tuple[int, int]]()
     for matches in seen.places.values():
         moved = np.linalg.norm(matches[:, 3:5] - matches[:, :2], axis=1)
-        still = moved < STAYS
-        if still.all() or np.median(moved[~still]) < MOVES:
+        still = moved < NOISE
+        if still.all() or np.median(moved[~still]) < MOVED:
             continue
         pairs += 1
-        still_in.update({(x, y) for x, y in np.rint(matches[still, :2] / MOVES).astype(int).tolist()})
-    places = [place for place, count in still_in.items() if count >= max(2, MOST_PAIRS * pairs)]
+        still_in.update({(x, y) for x, y in np.rint(matches[still, :2] / MOVED).astype(int).tolist()})
+    places = [place for place, count in still_in.items() if count > max(1, pairs / 2)]
     if len(seen.closer) < 3 or len(places) < STUCK:
         return []
     camera = next(iter(seen.closer.values()))
-    x, y = np.median(places, axis=0) * MOVES / (camera.width, camera.height)
+    x, y = np.median(places, axis=0) * MOVED / (camera.width, camera.height)
     where = f"{_third(x, 'left', 'right')}, {_third(y, 'top', 'bottom')}"
     fault = f"photos show something at one place of the picture ({where}) while all else moves"
     return [f"{fault}: a banner, a date, a frame or dirt; crop it off or mask it"]

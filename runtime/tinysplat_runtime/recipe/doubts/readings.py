@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...scene.cameras import Camera
 from ...scene.matches import Corners, corners
-from .seen import Seen
+from .seen import CLOSER, Seen
 
 ROLLS = (-20, -10, -5, 5, 10, 20, 90, 180, 270)
 """Degrees by which one pose may be rolled."""
 
-STEP, STEPS = 1.15, 8
-"""Focal lengths are tried in such steps, so many up and down."""
-
-FARTHEST, GRID = 0.2, 4
-"""Share of its sides by which a photo may be shifted, and pixels between shifts that are tried."""
+FACTORS = tuple(1.15**n for n in range(-8, 9) if n)
+"""Of focal lengths, from a third to three times."""
 
 ROUNDS = 12
 """Rounds of reweighted least squares that find where a camera stands."""
@@ -42,12 +39,10 @@ def readings(seen: Seen, cameras: dict[int, Camera]) -> Iterator[tuple[str, Call
         cause = "photos are turned, by their Exif orientation or for want of it, or poses rolled"
         text = f"{cause}: with photos turned {way}"
         yield text, each(_rolled, degrees)
-    for step in (*range(-STEPS, 0), *range(1, STEPS + 1)):
-        factor = STEP**step
+    for factor in FACTORS:
         yield f"focal lengths are off, or of another size of photo: times {factor:.2g}", each(_zoomed, factor, factor)
         yield f"fx does not go with fy: fx times {factor:.2g}", each(_zoomed, factor, 1.0)
-    if any(abs(c.K[0, 2] - c.K[1, 2]) > 0.02 * c.width for c in cameras.values()):
-        yield "the principal point is off: with cx and cy exchanged", each(lambda c: _aimed(c, c.K[1, 2], c.K[0, 2]))
+    yield "the principal point is off: with cx and cy exchanged", each(lambda c: _aimed(c, c.K[1, 2], c.K[0, 2]))
     middle = each(lambda c: _aimed(c, c.width / 2, c.height / 2))
     yield "the principal point is off: with cx and cy in the middle of the photo", middle
     order = [frame.camera for frame in seen.frames]
@@ -68,10 +63,10 @@ def single(seen: Seen, view: int) -> Iterator[tuple[str, Corners, Camera]]:
     yield f"{name} is a negative: with its colours inverted", Corners(own.places, -own.descriptors), camera
     for degrees in ROLLS:
         yield f"the pose of {name} is rolled: by {-degrees} degrees", own, _rolled(camera, degrees)
-    x, y = _shift(seen, view)
-    aimed = _aimed(camera, camera.K[0, 2] + x, camera.K[1, 2] + y)
-    share = f"{abs(x) / camera.width:.0%} of its width and {abs(y) / camera.height:.0%} of its height"
-    yield f"{name} is shifted, or its pose turned: by {share}", own, aimed
+    shift = _shift(seen, view)
+    x, y = np.abs(shift) / (camera.width, camera.height)
+    aimed = _aimed(camera, *(camera.K[:2, 2] + shift))
+    yield f"{name} is shifted, or its pose turned: by {x:.0%} of its width and {y:.0%} of its height", own, aimed
     if (moved := _moved(seen, view)) is not None:
         yield f"the pose of {name} stands at another place: moved to where its corners meet", own, moved
 
@@ -99,20 +94,16 @@ def _beside(seen: Seen, view: int) -> Iterator[tuple[int, NDArray, NDArray]]:
             yield v, places[:, 3:], places[:, :3]
 
 
-def _shift(seen: Seen, view: int) -> tuple[float, float]:
-    """By how many pixels right and down most of a photo's corners lie off the lines on which they should be."""
+def _shift(seen: Seen, view: int) -> NDArray:
+    """(2,) pixels right and down that most of a photo's corners lie off the lines on which they should be."""
     normals, off = _lines(seen, view)
     camera = seen.closer[view]
-    reach = [
-        GRID * np.arange(-n, n + 1) for n in (int(FARTHEST * side / GRID) for side in (camera.width, camera.height))
-    ]
+    reach = [np.arange(-side / 2, side / 2, CLOSER) for side in (camera.width, camera.height)]
     tried = np.stack(np.meshgrid(*reach, indexing="ij"), axis=-1).reshape(-1, 2)
-    near = np.abs(off[:, None] - normals @ tried.T) < GRID / 2
-    x, y = tried[near.sum(axis=0).argmax()] if len(off) else (0, 0)
-    best = np.abs(off - normals @ (x, y)) < GRID
-    if best.sum() >= 2:
-        (x, y), *_ = np.linalg.lstsq(normals[best], off[best], rcond=None)
-    return float(x), float(y)
+    best = tried[(np.abs(off[:, None] - normals @ tried.T) < CLOSER / 2).sum(axis=0).argmax()]
+    fits = np.abs(off - normals @ best) < CLOSER
+    shift: NDArray = np.linalg.lstsq(normals[fits], off[fits], rcond=None)[0] if fits.sum() >= 2 else np.zeros(2)
+    return shift
 
 
 def _moved(seen: Seen, view: int) -> Camera | None:

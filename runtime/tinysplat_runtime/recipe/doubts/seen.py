@@ -21,9 +21,13 @@ from ...system.told import Told
 CLOSER = 4
 """Times the side of a thumbnail in which corners are looked for: focal lengths show in a pixel of it."""
 
-CONFIRMED, MOSTLY = 100.0, 1 / 3
-"""Where so many corners fit, and this share of those in common, cameras are right, however few pixels tell their depth.
-Of right ones of ten scenes 0.4 to 0.97 fit, by chance one or two of a hundred."""
+CHANCE, ENOUGH, CONFIRMED = 8, 30, 100
+"""Corners: fewer fit by chance (another reading of right photos of thirty scenes gains 7.1 at most), so many say
+something of depths and of photos that stand alone, and so many of all cameras."""
+
+MOSTLY = 1 / 3
+"""Where CONFIRMED corners fit, and this share of those in common, cameras are right, however few pixels tell their
+depth. Of right ones of ten scenes 0.4 to 0.97 fit, by chance one or two of a hundred."""
 
 FEW = 24
 """Photos whose corners are looked at."""

@@ -10,24 +10,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...scene.look import PLANES, CostVolume, consistency, cost_volumes, neighbours
+from ...scene.look import CostVolume, consistency, cost_volumes, neighbours
 from .seen import Seen
 
 HARDLY = 0.1
-"""Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere."""
+"""Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere, as in a fifth of
+ranges that are ten times too far."""
 
 ALIKE = 0.25
 """Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
 0.26 to 0.73; where one photo is another scene's, nine of ten have less."""
 
-FEW_CORNERS = 3.0
-"""A photo is named of whose corners fewer fit all others'."""
-
-EMPTY = (0.72, 4.0)
-"""A range is far too wide where most pixels lie beyond this share of its inverse depths, and this many times as far
-away as near: nothing is near `near`. Pairs of nine scenes begin at 0.6 at most, with a tenth of near nearly all at 0.8
-and more; from the air some begin at 0.75, at 2.5 times near, and one room of a range stated for its whole capture at
-3.1 times, where a fitting range gains nothing."""
+EMPTY = 4.0
+"""A range is far too wide where most pixels lie so many times as far away as near: nothing is near `near`. From the air
+some begin at 2.5 times, and one room of a range stated for its whole capture at 3.1 times, where a fitting range gains
+nothing."""
 
 
 def range_doubts(seen: Seen) -> list[str]:
@@ -42,7 +39,7 @@ def range_doubts(seen: Seen) -> list[str]:
         if seen.confirmed:
             return []  # most overlap too little for a depth, but what they have in common is where cameras say
         who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
-        apart = [v for v in seen.closer if sum(seen.shares[pair] for pair in seen.places if v in pair) < FEW_CORNERS]
+        apart = [v for v in seen.closer if sum(seen.shares[pair] for pair in seen.places if v in pair) < 1]
         names = f"; {', '.join(seen.names[v] for v in apart[:3])} share no corner with others" if apart else ""
         range_ = f"at any depth from {near:g} to {far:g}"
         return [f"{who} do not match {range_}{names}: too little overlap, other places, or wrong poses or depths"]
@@ -51,7 +48,7 @@ def range_doubts(seen: Seen) -> list[str]:
     best = np.concatenate([found.costs.argmin(axis=0)[found.confident] for found in volumes])
     low, high = np.percentile(best, (10, 90))
     shown = seen.depths[round(low)], seen.depths[round(high)]
-    if low < EMPTY[0] * (PLANES - 1) or shown[0] < EMPTY[1] * near:
+    if shown[0] < EMPTY * near:
         return []
     extent = f"{shown[0]:.3g} to {shown[1]:.3g}"
     return [f"near {near:g} and far {far:g} reach far beyond what the photos show, most of it from {extent}"]
