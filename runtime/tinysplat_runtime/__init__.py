@@ -23,7 +23,7 @@ _MODULE_OF = {
     "Gaussians": "gaussian.gaussians",
     "InputError": "errors",
     "InputWarning": "errors",
-    "Limits": "container.records",
+    "Limits": "container.limits",
     "ModelError": "errors",
     "Notes": "gaussian.notes",
     "NumericError": "errors",
@@ -92,7 +92,7 @@ if TYPE_CHECKING:
         render,
         save_gaussians,
     )
-    from .container.records import Limits
+    from .container.limits import Limits
     from .errors import FormatError, InputError, InputWarning, ModelError, NumericError, SceneWarning, TinySplatError
     from .gaussian.gaussians import Gaussians
     from .gaussian.notes import Notes

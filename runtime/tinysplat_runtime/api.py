@@ -15,7 +15,7 @@ from types import UnionType
 from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
-from .container.records import Limits
+from .container.limits import Limits
 from .errors import InputError, SceneWarning, warn, within
 from .gaussian.gaussians import Gaussians
 from .graphs import DEFAULT_MODEL
@@ -333,8 +333,8 @@ class Runtime:
             FormatError: damaged, foreign, or beyond the limits.
             InputError: `source` cannot be read, its server gives no ranges, or it holds a list.
         """
+        from .codec.byte_ranges import ranges_of
         from .codec.parts import CACHE_BYTES, SceneFile
-        from .codec.ranges import ranges_of
 
         ranges, kept = ranges_of(source), CACHE_BYTES if cache_bytes is None else cache_bytes
         options: JsonObject = {"threads": self.threads, "limits": self.limits, "model": model}

@@ -12,8 +12,8 @@ from scenes import assert_same, make_smooth_gaussians, refusing
 from sections import Pict, sections_of
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.codec.byte_ranges import ranges_of
 from tinysplat_runtime.codec.parts import SceneFile
-from tinysplat_runtime.codec.ranges import ranges_of
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS

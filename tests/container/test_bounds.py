@@ -17,9 +17,10 @@ from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.body import Container
 from tinysplat_runtime.container.bounds import MAX_DECODED, decoding_bytes
 from tinysplat_runtime.container.layers import CodedLayer
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.planes import planes_file
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import ChannelRecord, Limits, Picture
+from tinysplat_runtime.container.records import ChannelRecord, Picture
 from tinysplat_runtime.container.sections import NewSection
 from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError

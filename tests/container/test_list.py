@@ -18,6 +18,7 @@ from scenes import refusing
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container.cameras import rounded_cameras
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.list import (
     ListChannel,
     ListScene,
@@ -30,7 +31,7 @@ from tinysplat_runtime.container.list import (
     position_streams,
 )
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import ChannelRecord, Limits, Picture
+from tinysplat_runtime.container.records import ChannelRecord, Picture
 from tinysplat_runtime.container.writer import write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import PlaneClass as P

@@ -15,9 +15,9 @@ from web.node import Decoder
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container.bounds import decoding_bytes
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.planes import MOST_TOGETHER
 from tinysplat_runtime.container.reader import read_container, read_outline
-from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError, InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 

@@ -17,7 +17,7 @@ import atheris  # type: ignore[import-not-found]
 with atheris.instrument_imports(include=["tinysplat_runtime.container", "tinysplat_runtime.gaussian.notes"]):
     from tinysplat_runtime.container import layout as L
     from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Limits
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.errors import FormatError
 
 

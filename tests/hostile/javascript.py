@@ -12,8 +12,8 @@ from web.node import Decoder
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.decoder import decode_file
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import MAX_CODE

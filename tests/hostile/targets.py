@@ -25,8 +25,8 @@ from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, EncoderSettings, find_profile
 from tinysplat_runtime.codec.recode import encode_like
 from tinysplat_runtime.container.inspection import inspect_bytes
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Limits
 from tinysplat_runtime.errors import FormatError, InputError, ModelError, NumericError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import Artifact

@@ -14,7 +14,7 @@ from scenes import make_smooth_gaussians, refusing
 
 import tinysplat_runtime as ts
 from tinysplat.batch.storage import local_folder
-from tinysplat_runtime.codec.ranges import ranges_of
+from tinysplat_runtime.codec.byte_ranges import ranges_of
 from tinysplat_runtime.errors import InputError
 
 # ---- listings of folders -----------------------------------------------------------------------------------------

@@ -24,8 +24,8 @@ from web.node import node
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.container import layout as L
+from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.reader import read_container
-from tinysplat_runtime.container.records import Limits
 
 OTHERS_THAN_PLANES = {"position", "exact", "photo"}
 WEB = Path(ts.__file__).parent / "web"

@@ -17,6 +17,7 @@ from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
 from tinysplat.poses.panoramas import FACES, Wedge, check_shape, face, kept, says_panorama, side_of
 from tinysplat.poses.placing import (
+    ENOUGH,
     MASKS,
     NonePlacedError,
     Placement,
@@ -50,14 +51,11 @@ NEEDS = ("pycolmap",)
 
 KINDS = ", ".join(VIDEOS)
 
-SPARED, ENOUGH = 0.1, 2 / 3
-"""Of a video's frames: so many may be missing before more are added, and so many have to be placed in the end."""
+SPARED = 0.1
+"""Of a video's frames, that may be missing before more are added."""
 
 ROUNDS = 3
 """In which frames are placed, each with more of them."""
-
-LEAST_PARALLAX, UNCERTAIN = 2.5, 0.5
-"""Degrees between the directions in which most points are seen, and share of uncertain places, of what is no scene."""
 
 MOST_PANORAMAS, HALF = 32, 128
 """Frames of a 360° video where nobody says how many, six photos each; level of a mask from which on pixels count."""
@@ -177,7 +175,7 @@ def _check_placement(placement: Placement) -> None:
         raise InputError(f"{said}: take photos that overlap more, from places farther apart")
     within = f"most points are seen from directions within {placement.parallax:.1f}°"
     loose = f"{len(placement.uncertain)} of {len(placement.right)} places are uncertain"
-    if placement.parallax < LEAST_PARALLAX or len(placement.uncertain) >= UNCERTAIN * len(placement.right):
+    if not placement.shows_depth:
         raise InputError(f"the camera hardly moved, or only turned ({within}, {loose}): that shows no depth; {ASIDE}")
 
 

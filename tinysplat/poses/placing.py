@@ -69,6 +69,13 @@ its way are joined at scales that nothing says.
 """
 
 
+ENOUGH = 2 / 3
+"""Share of a video's frames, or of photos, that have to be placed."""
+
+LEAST_PARALLAX, MOST_UNCERTAIN = 2.5, 0.5
+"""Degrees between the directions in which most points are seen, and share of uncertain places, that a scene has."""
+
+
 class NonePlacedError(InputError):
     """Photos of which not even two could be placed."""
 
@@ -95,6 +102,11 @@ class Placement:
     def right(self) -> frozenset[str]:
         """Names of photos in the model whose matches agree with their places."""
         return frozenset(image.name for image in self.model.images.values() if image.has_pose) - self.wrong
+
+    @property
+    def shows_depth(self) -> bool:
+        """Whether the camera moved enough for that."""
+        return self.parallax >= LEAST_PARALLAX and len(self.uncertain) < MOST_UNCERTAIN * len(self.right)
 
     def worth(self) -> tuple[int, int]:
         """What makes one of two placements of the same photos the better one."""

@@ -7,7 +7,7 @@ from argparse import Namespace
 
 from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
-from ..container.records import Limits
+from ..container.limits import Limits
 from ..errors import InputError, TinySplatError
 from ..graphs.artifacts import load_manifest
 from ..graphs.providers import providers_of

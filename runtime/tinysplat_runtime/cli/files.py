@@ -13,7 +13,7 @@ from typing import Any
 
 from ..api import Runtime
 from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
-from ..container.records import Limits
+from ..container.limits import Limits
 from ..errors import InputError, TinySplatError
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians

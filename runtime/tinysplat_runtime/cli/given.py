@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..container.layout import SUFFIX
-from ..container.records import Limits
+from ..container.limits import Limits
 from ..system.told import Told
 from ..system.voice import Voice
 from .files import Reading, named

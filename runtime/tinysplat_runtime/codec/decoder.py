@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..container.body import Container
+from ..container.limits import Limits
 from ..container.reader import read_container
-from ..container.records import Limits
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from ..container.layers import CodedLayer
 from ..container.layout import MAX_VIEWS
+from ..container.limits import Limits
 from ..container.planes import planes_file
 from ..container.reader import read_container
-from ..container.records import ChannelRecord, Limits, Picture
+from ..container.records import ChannelRecord, Picture
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass

@@ -14,8 +14,8 @@ from types import TracebackType
 
 import numpy as np
 
+from ..container.limits import Limits
 from ..container.reader import check_views, read_container, read_outline
-from ..container.records import Limits
 from ..container.sections import metadata_range, table_end
 from ..errors import FormatError, InputError
 from ..gaussian.editing import select_views
@@ -24,8 +24,8 @@ from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
 from ..system.printable import type_of
+from .byte_ranges import Ranges
 from .decoder import decode_file
-from .ranges import Ranges
 
 FIRST_BYTES = 1 << 16
 """Read at first: metadata of up to some 400 views in one request."""

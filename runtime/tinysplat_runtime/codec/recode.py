@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from ..container.body import Container
 from ..container.layers import CodedLayer, LayerHeader
+from ..container.limits import Limits
 from ..container.planes import Planes
 from ..container.reader import read_container
-from ..container.records import ChannelRecord, Limits, Picture
+from ..container.records import ChannelRecord, Picture
 from ..errors import InputError, within
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import LayerPlan, PlaneClass, Reduction

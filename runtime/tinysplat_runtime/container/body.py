@@ -21,7 +21,8 @@ from ..scene.cameras import Camera
 from ..system.jsonfields import JsonObject
 from . import layout as L
 from .cameras import cameras_of, layer_cameras, read_numbers
-from .records import ChannelRecord, Limits
+from .limits import Limits
+from .records import ChannelRecord
 from .sections import Cursor, Section, only, require
 from .table import Table
 

@@ -6,8 +6,9 @@ from ..gaussian.notes import OPTIONS
 from ..gaussian.planes import CODING_ORDER, hevc_step
 from ..system.jsonfields import JsonObject
 from .body import Body, Container
+from .limits import Limits
 from .reader import read_container
-from .records import ChannelRecord, Limits
+from .records import ChannelRecord
 
 
 def inspect_bytes(data: bytes, limits: Limits | None = None, *, is_prefix: bool = False) -> JsonObject:

@@ -19,8 +19,8 @@ from . import layout as L
 from .bodies import body_kind, known_kinds
 from .body import Container, Opened
 from .cameras import cameras_of, read_numbers
+from .limits import Limits
 from .notes import NOTES, read_notes
-from .records import Limits
 from .sections import Cursor, Section, only, read_table, require
 from .table import Rows, read_pictures
 

@@ -10,9 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codec.byte_ranges import ranges_of
 from ..codec.decoder import decode_gaussians
 from ..codec.parts import SceneFile
-from ..codec.ranges import ranges_of
 from ..container.list import List
 from ..container.reader import read_container
 from ..gaussian.gaussians import FIELDS, Gaussians

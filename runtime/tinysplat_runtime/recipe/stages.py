@@ -19,9 +19,9 @@ from ..codec.modes.mode import find_mode
 from ..codec.recode import encode_like
 from ..codec.search import Coder, Once, code_to_psnr, code_to_size
 from ..container.exact import Exact
+from ..container.limits import Limits
 from ..container.list import List
 from ..container.planes import Planes
-from ..container.records import Limits
 from ..errors import InputError, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
