@@ -12,9 +12,6 @@ from .seen import CHANCE, Seen
 DARKER = 0.4
 """Of other photos' brightness, at the same corners."""
 
-COLOURED = 0.02
-"""Difference of colours from which on another order of channels means something."""
-
 _NAMES = ("red", "green", "blue")
 
 
@@ -62,8 +59,7 @@ def _order(pairs: list[tuple[NDArray, NDArray]]) -> tuple[int, ...]:
     one, other = (colours / colours.mean(axis=1, keepdims=True).clip(1e-3) for colours in (one, other))
     off = {order: float(np.median(np.abs(one[:, order] - other).mean(axis=1))) for order in permutations(range(3))}
     best = min(off, key=lambda order: off[order])
-    given = off[0, 1, 2]
-    return best if given > COLOURED and 2 * off[best] < given else ()
+    return best if 2 * off[best] < off[0, 1, 2] else ()
 
 
 def _said(order: tuple[int, ...]) -> str:

@@ -11,15 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...scene.look import CostVolume, consistency, cost_volumes, neighbours
-from .seen import Seen
+from .seen import AGREEING, Seen
 
 HARDLY = 0.1
 """Share of pixels that tell their depth: of all photos less than this, and they hardly match anywhere, as in a fifth of
 ranges that are ten times too far."""
-
-ALIKE = 0.25
-"""Photos do not match of whose pixels less than this share have one depth from both sides. Pairs of nine scenes have
-0.26 to 0.73; where one photo is another scene's, nine of ten have less."""
 
 EMPTY = 4.0
 """A range is far too wide where most pixels lie so many times as far away as near: nothing is near `near`. From the air
@@ -59,4 +55,4 @@ def _match(seen: Seen, volumes: Sequence[CostVolume]) -> bool:
     cameras = seen.cameras
     nearest = enumerate(neighbours(cameras)[:, 0])
     alike = max(consistency(volumes[v], cameras[v], volumes[u], cameras[u]) for v, u in nearest)
-    return alike >= ALIKE and max(volume.confident.mean() for volume in volumes) >= HARDLY
+    return alike >= AGREEING and max(volume.confident.mean() for volume in volumes) >= HARDLY
