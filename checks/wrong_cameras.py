@@ -223,11 +223,8 @@ def look_at_wrong(folder: Path, window: Scene, size: str, faults: str, kinds: di
         if faults in name:
             ranged = dataclasses.replace(window, near=nearer * window.near, far=farther * window.far)
             lines = found(ranged, kinds)
-            tally[name, size] += (
-                bool(lines),
-                any(word in line for line in lines for word in ("near", "units", "depth")),
-                1,
-            )
+            is_named = any(word in line for line in lines for word in ("near", "units", "depth"))
+            tally[name, size] += bool(lines), is_named, 1
 
 
 def main() -> None:

@@ -20,9 +20,6 @@ CORNERS = 600
 PATCH, STEP = 8, 2
 """What is compared about them: so many pixels a side, so far apart."""
 
-ALIKE = 0.8
-"""Correlation of two corners that may be one."""
-
 LOWES_RATIO = 0.8
 """Distance of a corner's descriptor to the nearest over that to the next one, below which a match is no chance."""
 
@@ -80,7 +77,7 @@ def matched(one: Corners, other: Corners) -> NDArray:
     most = alike[index, best]
     alike[index, best] = -1
     clear = 1 - most < LOWES_RATIO**2 * (1 - alike.max(axis=1))
-    kept = (back[best] == index) & (most > ALIKE) & clear
+    kept = (back[best] == index) & clear
     unit = np.ones((int(kept.sum()), 1))
     return np.concatenate([one.places[kept], unit, other.places[best[kept]], unit], axis=1)
 
