@@ -8,7 +8,6 @@ from pathlib import Path
 from tinysplat.commands.bench import measure_studies
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.study import Options, Run
-from tinysplat.measure.subjects.sources import find_sources
 from tinysplat_runtime.api import Runtime
 
 
@@ -20,18 +19,8 @@ class TinyRun(Run):
 
 def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
     """A run on inputs, or on the built-in ones, with `options` as the command line has them; rows go to `folder`."""
-    sources, left_out = find_sources(paths)
-    return TinyRun(
-        True,
-        Runtime(threads=1),
-        RowFile(folder / ROWS),
-        folder,
-        sources,
-        list(paths),
-        ["sweep"],
-        Options(**{"size": (48, 64), **options}),
-        [str(entry) for entry in left_out],  # type: ignore[arg-type]
-    )
+    options = {"size": (48, 64), **options}
+    return TinyRun(True, Runtime(threads=1), RowFile(folder / ROWS), paths, "sweep", Options(**options))
 
 
 def shows(text: str, value: float) -> bool:

@@ -13,13 +13,12 @@ from tinysplat.measure.pages import fill_pages, write_report
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
 from tinysplat.measure.study import Options, Run
-from tinysplat.measure.subjects.sources import find_sources
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
-from tinysplat_runtime.graphs.artifacts import find_artifact, load_manifest
+from tinysplat_runtime.graphs.artifacts import find_artifact
 from tinysplat_runtime.system.progress import progress
 
 from .eval import numbers
@@ -28,9 +27,6 @@ HELP = "error against run time, report with plots"
 NEEDS = ("matplotlib",)
 
 DEFAULT_FOLDER = "bench_report"
-
-TAKE_PATHS = frozenset({"formats", "list"})
-"""Studies that read their INPUT themselves: it need not be scenes with cameras."""
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -56,12 +52,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="the short form: smaller pictures, fewer variants")
     parser.add_argument("--docs", action="store_true", help="fill pages from rows")
     parser.add_argument(
-        "--model",
-        dest="models",
-        action="append",
-        default=[],
-        metavar="NAME|FILE.onnx",
-        help="network, may be repeated; default all shipped",
+        "--model", default=DEFAULT_MODEL, metavar="NAME|FILE.onnx", help=f"network; default {DEFAULT_MODEL}"
     )
     add_threads(parser)
     of = parser.add_argument_group("options of some studies")
@@ -78,28 +69,12 @@ def run(args: Namespace) -> None:
         _fill(quiet=args.quiet)
         return
     studies, inputs = split_words(args.words)
-    for model in args.models:
-        find_artifact(model, "network")
+    find_artifact(args.model, "network")
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder for the report", where=args.output)
     options = Options(**{one.name: getattr(args, one.name) for one in fields(Options)})
-    takes_paths = bool(TAKE_PATHS & set(studies))
-    sources, lost = find_sources([] if takes_paths else inputs)
-    left_out = [str(entry) for entry in lost]
-    if inputs and not sources and not takes_paths:
-        raise InputError("; ".join(left_out) or "nothing to measure", where="bench")
-    bench = Run(
-        args.quick,
-        Runtime(threads=args.threads),
-        RowFile(folder / ROWS),
-        folder,
-        sources,
-        [Path(p) for p in inputs],
-        args.models or shipped_networks(),
-        options,
-        left_out,
-    )
+    bench = Run(args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), inputs, args.model, options)
     measured = measure_studies(bench, studies, quiet=args.quiet)
     if not measured:
         raise InputError("; ".join(bench.left_out[:1]) or "nothing could be measured", where="bench")
@@ -109,13 +84,13 @@ def run(args: Namespace) -> None:
     print(path)
 
 
-def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
+def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[Path]]:
     """Studies, and inputs behind them; InputError for a word that is neither."""
     count = next((i for i, word in enumerate(given) if word not in STUDIES), len(given))
     for word in given[count:]:
         if not Path(word).exists():
             raise InputError(f"neither a study ({', '.join(STUDIES)}) nor a file or folder", where=word)
-    return tuple(given[:count]) or ORDINARY, list(given[count:])
+    return tuple(given[:count]) or ORDINARY, list(map(Path, given[count:]))
 
 
 def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[Row]:
@@ -124,19 +99,13 @@ def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[
     for name in progress(studies, len(studies), "bench", quiet=quiet):
         try:
             for row in find_study(name).measure(bench):
-                rows.append(row if row.stamp and bench.store.find(row) == row else bench.store.add(row))
+                rows.append(bench.store.add(row))
         except TinySplatError as error:
             if len(studies) == 1 and not rows:
                 raise
             bench.left_out.append(f"left out the rest of {name}: {error}")
     bench.store.add(run_row(" ".join(studies), began, quick=bench.quick))
     return rows
-
-
-def shipped_networks() -> list[str]:
-    """Names of the networks in the manifest, the default one, which codes in other studies, first."""
-    shipped = sorted(a.name for a in load_manifest().values() if a.role == "network")
-    return sorted(shipped, key=lambda name: (name != DEFAULT_MODEL, name))
 
 
 def _fill(*, quiet: bool) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.graphs import DEFAULT_MODEL
+from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
 
 from .rows import Row, RowFile
 from .show.tables import Table
-from .subjects.cases import Source
-from .subjects.sources import FolderSource
 
 Plot = Callable[[Path, Sequence[Row]], bool]
 """Draws rows of a run into a PNG file; False where none is its."""
@@ -64,10 +64,9 @@ class Run:
         quick: the short form.
         runtime: with the run's number of threads.
         store: keeps rows as they come.
-        folder: of the report; its plots go to `plots/`.
-        sources: a user's own; the built-in ones take their place where there are none.
-        paths: as the user gave them.
-        models: networks, the first of which codes.
+        paths: of a user's scene folders, folders of such, or Gaussian files; what is built in takes their place where
+            there are none.
+        model: the network.
         options: what else the command line says.
         left_out: lines for the report.
     """
@@ -75,10 +74,8 @@ class Run:
     quick: bool
     runtime: Runtime
     store: RowFile
-    folder: Path
-    sources: Sequence[Source] = ()
     paths: Sequence[Path] = ()
-    models: Sequence[str] = ()
+    model: str = DEFAULT_MODEL
     options: Options = field(default_factory=Options)
     left_out: list[str] = field(default_factory=list)
 
@@ -99,9 +96,9 @@ class Run:
 
     def of_scenes(self, measure: Callable[[str, Scene], Iterator[Row]]) -> Iterator[Row]:
         """Rows of every scene folder, by its name and photos; one that is at fault is left out."""
-        for source in self.sources:
-            if isinstance(source, FolderSource):
+        for path in self.paths:
+            for folder in sorted(file.parent for file in path.glob(f"*/{CAMERAS_FILE}")) or [path]:
                 try:
-                    yield from measure(source.name, load_scene(source.path, near=source.near, far=source.far))
+                    yield from measure(folder.resolve().name, load_scene(folder))
                 except TinySplatError as error:
-                    self.left_out.append(f"left out {source.name}: {error}")
+                    self.left_out.append(f"left out {folder.name}: {error}")

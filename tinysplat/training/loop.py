@@ -109,10 +109,8 @@ def train(
         state = TrainingState.load(checkpoint, config, device)
     elif checkpoint.exists():
         raise InputError("there is a checkpoint already, expected --resume or another folder", where=str(checkpoint))
-    elif start is not None:
-        state = TrainingState.started(start, config, device)
     else:
-        state = TrainingState.fresh(config, device)
+        state = TrainingState.fresh(config, device, start)
     use_bfloat16(state.network, device)
     stream = SampleStream(config.data)
     for line in stream.photos.skipped:

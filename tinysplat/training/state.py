@@ -15,7 +15,7 @@ from tinysplat.networks.edge import Edge
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import write_atomically
 
-from .config import Config, OptimiserSettings
+from .config import Config
 
 ARCHITECTURE = "tinysplat edge 3"
 """Changes with every change of the network that old weights do not fit."""
@@ -40,30 +40,21 @@ class TrainingState:
     skipped: int = 0
 
     @classmethod
-    def fresh(cls, config: Config, device: torch.device) -> TrainingState:
-        """Initial weights from the seed."""
-        torch.manual_seed(config.data.seed)
-        network = Edge().to(device)
-        return cls._of(network, config.optimiser)
-
-    @classmethod
-    def started(cls, path: Path, config: Config, device: torch.device) -> TrainingState:
-        """A new run from the averaged weights of another.
+    def fresh(cls, config: Config, device: torch.device, start: Path | None = None) -> TrainingState:
+        """Initial weights from the seed, or the averaged ones of the checkpoint of another run.
 
         Raises:
             InputError: as `read_checkpoint`.
         """
-        network = Edge()
-        network.load_state_dict(read_checkpoint(path)["average"])
-        return cls._of(network.to(device), config.optimiser)
-
-    @classmethod
-    def _of(cls, network: Edge, settings: OptimiserSettings) -> TrainingState:
-        if settings.heads_alone:
+        torch.manual_seed(config.data.seed)
+        network = (Edge() if start is None else shipped_network(start)[0].train()).to(device)
+        if config.optimiser.heads_alone:
             network.requires_grad_(False)
             for head in (network.fine, network.head, network.coarse):
                 head.requires_grad_(True)
-        return cls(network, {k: v.clone() for k, v in network.state_dict().items()}, _adamw(network, settings))
+        trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
+        adamw = torch.optim.AdamW(trained, lr=config.optimiser.rate, weight_decay=1e-4, betas=(0.9, 0.98))
+        return cls(network, {name: weights.clone() for name, weights in network.state_dict().items()}, adamw)
 
     def averaged(self) -> Edge:
         """The network with the averaged weights, for evaluation."""
@@ -144,8 +135,3 @@ def shipped_network(path: Path) -> tuple[Edge, int]:
     network = Edge()
     network.load_state_dict(content["average"])
     return network.eval(), int(content["step"])
-
-
-def _adamw(network: Edge, settings: OptimiserSettings) -> torch.optim.AdamW:
-    trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
-    return torch.optim.AdamW(trained, lr=settings.rate, weight_decay=1e-4, betas=(0.9, 0.98))

@@ -37,13 +37,13 @@ def _scene_rows(name: str, scene: Scene, run: Run) -> Iterator[Row]:
     for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
         given = found_for(scene.views(evenly(len(scene.frames), count)))
         agreed = agreed_corners(given)
-        gaussians = run.runtime.predict(given, run.models[0])
+        gaussians = run.runtime.predict(given, run.model)
         made = {"network": gaussians}
         if len(given.frames) > FEW and find_spec("numba") is not None:
             made["refined"] = run.runtime.refine(gaussians, given)
         for way, gaussians in made.items():
             errors, off = corner_errors(agreed, gaussians)
-            setting = {"photos": len(given.frames), "model": run.models[0]}
+            setting = {"photos": len(given.frames), "model": run.model}
             figures: dict[str, float] = {"corners": len(errors)}
             if len(errors):
                 figures |= {"depth": float(np.median(errors)), "off": float(np.mean(off > LANDS * min(run.size)))}

@@ -96,7 +96,7 @@ def capture_rows(run: Run, counts: Sequence[int]) -> Iterator[Row]:
     for count in counts:
         row = Row("growth captures", "photos", f"{count}x{width}x{height}", {"x": count, "threads": run.threads})
         with tempfile.TemporaryDirectory() as folder:
-            yield _measured(row, "encode_capture", folder, count, height, width, run.models[0], run.threads)
+            yield _measured(row, "encode_capture", folder, count, height, width, run.model, run.threads)
 
 
 def cloud_rows(run: Run, counts: Sequence[int], picture: Size = CLOUD_PICTURE) -> Iterator[Row]:

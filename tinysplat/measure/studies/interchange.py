@@ -37,7 +37,7 @@ def interchange_rows(run: Run) -> Iterator[Row]:
         return
     with tempfile.TemporaryDirectory() as folder:
         write_room(Path(folder), VIEWS, run.side, run.side)
-        made = run.runtime.predict(load_scene(folder), run.models[0])
+        made = run.runtime.predict(load_scene(folder), run.model)
     yield from _rows(f"room, {VIEWS}×{run.side}²", made, [form.name for form in FORMATS], run)
 
 

@@ -74,7 +74,7 @@ def drawn_at(run: Run) -> tuple[int, int]:
 
 def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     cameras = capture.targets.cameras
-    runtime, model = run.runtime, run.models[0]
+    runtime, model = run.runtime, run.model
     size = {"drawn": "{1}×{0}".format(*run.options.drawn)} if run.options.drawn else {}
 
     def row(way: str, photos: int, asked: int, figures: dict[str, float]) -> Row:
