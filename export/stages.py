@@ -15,8 +15,9 @@ from torch import Tensor
 from torch.export import Dim
 
 from tinysplat.networks import edge
-from tinysplat.networks.edge_stages import COARSE_RING, OF_ALL, STAGES, Stage
+from tinysplat.networks.edge_stages import OF_ALL, STAGES, Stage
 from tinysplat.networks.export_support import export_program, halve_weights, save_model
+from tinysplat.networks.surfels import RING
 from tinysplat.training.state import shipped_network
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.system.progress import working
@@ -66,7 +67,7 @@ def write(stage: Stage, given: Mapping[str, Tensor], path: Path, facts: Mapping[
     for key, cell in stage.inputs.items():
         axes[key] = {0: Dim.DYNAMIC} if key in OF_ALL else {}
         if cell is not None:
-            ring = 2 * COARSE_RING if key == "changes" else 0
+            ring = 2 * RING if key == "changes" else 0
             axes[key] |= {2: 16 // cell * rows + ring, 3: 16 // cell * columns + ring}
     model = export_program(stage, given, axes, stage.outputs, OPSET)
     halve_weights(model)

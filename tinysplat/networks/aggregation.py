@@ -13,6 +13,12 @@ from torch import Tensor
 from torch._higher_order_ops.scan import scan
 from torch.nn import functional
 
+STEP, JUMP = 0.15, 0.6
+"""Penalties for a change of one candidate between neighbours on a path, and for a larger one where colour is even."""
+
+EDGE, FILL_EDGE = 12.0, 12.0
+"""How fast the latter, and a neighbour's weight in filling, fall with a difference of colour."""
+
 UNREACHABLE = 1e3
 """Cost beyond the first and the last candidate; costs proper are of the order of one."""
 
@@ -36,44 +42,39 @@ def local_contrast(gray: Tensor, size: int, floor: float) -> Tensor:
     return (gray - mean) / (torch.sqrt(variance) + floor)
 
 
-def path_costs(cost: Tensor, guide: Tensor, *, step: float, jump: float, edge: float) -> Tensor:
+def path_costs(cost: Tensor, guide: Tensor) -> Tensor:
     """Semi-global aggregation along the four axis directions.
 
-    L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + step, min L(q, ·) + jump(p, q)) − min L(q, ·) with q before p on the
-    path; jump(p, q) = max(jump · exp(−edge · |guide(p) − guide(q)|), step).
+    L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + STEP, min L(q, ·) + jump(p, q)) − min L(q, ·) with q before p on the
+    path; jump(p, q) = max(JUMP · exp(−EDGE · |guide(p) − guide(q)|), STEP).
 
     Args:
         cost: (V, D, h, w) matching costs, of the order of one.
         guide: (V, C, h, w) colours; the largest channel difference counts.
-        step: penalty for a change of one candidate between neighbours.
-        jump: penalty for a larger change where the guide is flat.
-        edge: how fast `jump` falls with a difference of the guide.
 
     Returns:
         (V, D, h, w): Σ L over the four paths, less 3 C so that the cost itself counts once.
     """
-    across = _jump_penalties(guide, step, jump, edge)  # between columns, (V, h, w - 1)
-    down = _jump_penalties(guide.transpose(2, 3), step, jump, edge).transpose(1, 2)  # (V, h - 1, w)
-    vertical = _both_ways(cost.permute(2, 0, 3, 1).contiguous(), down.permute(1, 0, 2)[..., None], step)  # (h, V, w, D)
-    horizontal = _both_ways(
-        cost.permute(3, 0, 2, 1).contiguous(), across.permute(2, 0, 1)[..., None], step
-    )  # (w, V, h, D)
+    across = _jump_penalties(guide)  # between columns, (V, h, w - 1)
+    down = _jump_penalties(guide.transpose(2, 3)).transpose(1, 2)  # (V, h - 1, w)
+    vertical = _both_ways(cost.permute(2, 0, 3, 1).contiguous(), down.permute(1, 0, 2)[..., None])  # (h, V, w, D)
+    horizontal = _both_ways(cost.permute(3, 0, 2, 1).contiguous(), across.permute(2, 0, 1)[..., None])  # (w, V, h, D)
     return vertical.permute(1, 3, 0, 2) + horizontal.permute(1, 3, 2, 0) - 3 * cost
 
 
-def _jump_penalties(guide: Tensor, step: float, jump: float, edge: float) -> Tensor:
+def _jump_penalties(guide: Tensor) -> Tensor:
     difference = (guide[..., 1:] - guide[..., :-1]).abs().amax(dim=1)
-    return (jump * torch.exp(-edge * difference)).clamp_min(step)
+    return (JUMP * torch.exp(-EDGE * difference)).clamp_min(STEP)
 
 
-def _both_ways(cost: Tensor, jump: Tensor, step: float) -> Tensor:
+def _both_ways(cost: Tensor, jump: Tensor) -> Tensor:
     """Path costs along axis 0 in both directions, added: cost (L, N, M, D), jump (L − 1, N, M, 1)."""
 
     def advance(before: Tensor, here: Tensor, penalty: Tensor) -> Tensor:
         lowest = before.amin(dim=-1, keepdim=True)
         excess = before - lowest
         beside = functional.pad(excess, (1, 1), value=UNREACHABLE)
-        beside = torch.minimum(beside[..., 2:], beside[..., :-2]) + step
+        beside = torch.minimum(beside[..., 2:], beside[..., :-2]) + STEP
         return here + torch.minimum(torch.minimum(excess, beside), penalty)
 
     start = torch.zeros_like(cost[:1, :, :, :1]).expand_as(jump[:1])
@@ -102,20 +103,17 @@ def _recur(
     return states
 
 
-def fill_uncertain(
-    values: Tensor, confidence: Tensor, guide: Tensor, *, edge: float, dilations: tuple[int, ...]
-) -> Tensor:
+def fill_uncertain(values: Tensor, confidence: Tensor, guide: Tensor, dilations: tuple[int, ...]) -> Tensor:
     """Replace values of low confidence by confident ones nearby of similar colour.
 
     An à-trous joint bilateral filter: each pass takes the weighted mean of 3 × 3 pixels `dilation` apart, weights
-    exp(−edge · Σ|Δguide|) · confidence, and blends it in where confidence lies below one half. What a pass has filled
-    counts as confident in the next.
+    exp(−FILL_EDGE · Σ|Δguide|) · confidence, and blends it in where confidence lies below one half. What a pass has
+    filled counts as confident in the next.
 
     Args:
         values: (V, 1, h, w).
         confidence: (V, 1, h, w) in (0, 1].
         guide: (V, C, h, w) colours.
-        edge: fall of a weight with the summed colour difference.
         dilations: distance between the pixels of each pass.
 
     Returns:
@@ -130,7 +128,7 @@ def fill_uncertain(
         for row in (0, dilation, 2 * dilation):
             for column in (0, dilation, 2 * dilation):
                 part = stacked[:, :, row : row + height, column : column + width]
-                similarity = torch.exp(-edge * (part[:, :-2] - guide).abs().sum(dim=1, keepdim=True))
+                similarity = torch.exp(-FILL_EDGE * (part[:, :-2] - guide).abs().sum(dim=1, keepdim=True))
                 weight = similarity * part[:, -1:]
                 total, weights = total + weight * part[:, -2:-1], weights + weight
         filled = torch.where(keep, values, total / weights.clamp_min(1e-8))

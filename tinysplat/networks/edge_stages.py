@@ -18,18 +18,15 @@ import torch
 from torch import Tensor, nn
 
 from .edge import Dressed, Edge, Estimate, MatchedViews
-from .edge_analysis import Matches, match
-from .exposure import blindly, compared
-from .narrowing import taken_up
+from .edge_analysis import ANALYSIS, Matches, match
+from .exposure import CANDIDATES, blindly, compared
+from .narrowing import DILATIONS, taken_up
 from .pairs import ViewPairs
 from .surfels import CoarseChanges
 from .sweep import OUTPUT_NAMES, Comparison, InverseDepths, agreed, cross_view_agreement, matched, soft_argmin
 
 OF_ALL = frozenset({"cells", "half", "images", "K", "c2w", "ranges", "levels", "agreements", "alphas"})
 """Inputs of the photo and its neighbours; others are of the photo alone."""
-
-COARSE_RING = 24
-"""Cells beyond each side of the frame in `changes`."""
 
 
 class Stage(nn.Module):
@@ -47,11 +44,10 @@ class Stage(nn.Module):
     def __init__(self, network: Edge) -> None:
         super().__init__()
         self.network = network
-        self.settings = network.settings
 
     def depths(self, ranges: Tensor) -> InverseDepths:
         """Ranges (N, 2) as such."""
-        return InverseDepths(ranges[:, 0], ranges[:, 1], self.settings.analysis.candidates)
+        return InverseDepths(ranges[:, 0], ranges[:, 1], ANALYSIS.candidates)
 
     def views(self, maps: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor) -> Comparison:
         """The photo and its neighbours on the grid of maps."""
@@ -66,11 +62,10 @@ class Glance(Stage):
 
     def forward(self, cells: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor) -> Tensor:
         """(1, 1, h, w) of cells (N, 3, h, w), means of 8 × 8 pixels, and ranges (N, 2)."""
-        s = self.settings
-        look = self.views(cells, K, c2w, ranges).at(s.exposure.candidates)
-        blind = blindly(s.analysis, s.exposure)
+        look = self.views(cells, K, c2w, ranges).at(CANDIDATES)
+        blind = blindly(ANALYSIS)
         _, paths = matched(cells, look, blind)
-        return soft_argmin(paths, blind.sharpness)
+        return soft_argmin(paths)
 
 
 class Settle(Stage):
@@ -86,14 +81,13 @@ class Settle(Stage):
 
         Levels (N, 1, h, w) are those of `Glance`.
         """
-        s = self.settings
         views = self.views(cells, K, c2w, ranges)
-        look = views.at(s.exposure.candidates)
-        agreement = cross_view_agreement(levels, look, blindly(s.analysis, s.exposure))
-        _, there, sound = compared(cells, levels, agreement, look, s.exposure)
-        matching = replace(s.analysis, fill_dilations=s.narrowing.dilations)
+        look = views.at(CANDIDATES)
+        agreement = cross_view_agreement(levels, look, blindly(ANALYSIS))
+        _, there, sound = compared(cells, levels, agreement, look)
+        matching = replace(ANALYSIS, fill_dilations=DILATIONS)
         filled, agreement = agreed(levels, cells, look, matching)
-        found = taken_up(filled, agreement, views, s.narrowing)
+        found = taken_up(filled, agreement, views)
         return there, sound, torch.stack([found.offset, found.span], dim=1)
 
 
@@ -105,7 +99,7 @@ class Match(Stage):
 
     def forward(self, half: Tensor, K: Tensor, c2w: Tensor, ranges: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """`Matches` of photos (N, 3, h, w) of one exposure at half resolution."""
-        found = match(half, self.views(half, K, c2w, ranges), self.settings)
+        found = match(half, self.views(half, K, c2w, ranges))
         return found.costs, found.paths, found.coarse_paths, found.level
 
 

@@ -8,8 +8,6 @@ each side gives what the whole photo would.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -17,7 +15,7 @@ from torch.nn import functional
 from .aggregation import box_mean
 from .geometry import inside_frame, pixel_rays, project_sweep, sample_bilinear, sweep_coefficients
 from .surfels import pixel_layer, sharpened, splat_weights
-from .sweep import AlignmentSettings
+from .sweep import DAMPING, LARGEST_STEP, OUTLIER, REACH, AlignmentSettings
 
 OUTPUT_NAMES = ("means", "quats", "scales", "opacities", "sh")
 
@@ -25,28 +23,18 @@ HALO = 16
 """Rows beside a strip on which its own depend: two boxes of 11 pixels, one of 9 for slopes, and a difference."""
 
 
-@dataclass(frozen=True)
-class EnlargeSettings:
-    """`Enlarge`.
+EDGE = 24.0
+"""Fall of a small pixel's weight with the summed difference of its colour to the large one's."""
 
-    Attributes:
-        edge: fall of a small pixel's weight with the summed difference of its colour to the large one's.
-        alignment: of depth to the photos; a candidate is a step that moves a pixel by one in the sources.
-        sharpening, surfaces: as in `sweep.SweepSettings`.
-    """
+ALIGNMENT = AlignmentSettings(steps=2)
+"""Of depth to the photos; a candidate is a step that moves a pixel by one in the sources."""
 
-    edge: float = 24.0
-    alignment: AlignmentSettings = field(default_factory=lambda: AlignmentSettings(steps=2))
-    sharpening: tuple[float, float] = (1.0, 1.0)
-    surfaces: float = 2.0
+SHARPENING, SURFACES = (1.0, 1.0), 2.0
+"""As in `sweep`."""
 
 
 class Enlarge(nn.Module):
     """A strip of a large photo, and what is known of the small one, to the strip's Gaussians."""
-
-    def __init__(self, settings: EnlargeSettings | None = None) -> None:
-        super().__init__()
-        self.settings = settings or EnlargeSettings()
 
     def forward(
         self, photo: Tensor, small: Tensor, rows: Tensor, columns: Tensor, K: Tensor, c2w: Tensor, sources: Tensor,
@@ -70,15 +58,14 @@ class Enlarge(nn.Module):
         Returns:
             The tensors named by `OUTPUT_NAMES`, (1, h, W, …).
         """
-        s = self.settings
         inverse_depth, opacity, footprint, change = self._brought(photo, small, rows, columns)
         terms = sweep_coefficients(
             pixel_rays(K, *photo.shape[2:]).expand(sources.shape[0], -1, -1, -1), source_K, rotation, translation
         )
         aligned = self._aligned(inverse_depth, photo, sources, terms, unit)
         inverse_depth = torch.maximum(torch.minimum(aligned, 2 * inverse_depth), 0.5 * inverse_depth)
-        weights = splat_weights(inverse_depth, opacity, footprint, s.surfaces)
-        colours = sharpened(photo, weights, *s.sharpening) + change
+        weights = splat_weights(inverse_depth, opacity, footprint, SURFACES)
+        colours = sharpened(photo, weights, *SHARPENING) + change
         size = torch.tensor([[photo.shape[3]], [photo.shape[2]], [1]], dtype=K.dtype)
         return pixel_layer(colours, K / size, c2w, inverse_depth, opacity, footprint).arrays()
 
@@ -96,7 +83,7 @@ class Enlarge(nn.Module):
             for i in (-1, 0, 1):
                 there = line.index_select(2, (row + i).clamp(0, height - 1))
                 unlike = _summed((there[:, :3] - photo).abs())
-                weight = _spline(below, i) * _spline(beside, j) * torch.exp(-self.settings.edge * unlike)
+                weight = _spline(below, i) * _spline(beside, j) * torch.exp(-EDGE * unlike)
                 total, mass = total + weight * there[:, 3:], mass + weight
         return (total / mass).split([1, 1, 1, 3], dim=1)
 
@@ -104,24 +91,24 @@ class Enlarge(nn.Module):
         self, inverse_depth: Tensor, photo: Tensor, sources: Tensor, terms: tuple[Tensor, Tensor], unit: Tensor
     ) -> Tensor:
         """As `sweep.align_photos` with any exposure, of a strip: inverse depth (1, 1, h, W) in steps of `unit`."""
-        s = self.settings.alignment
+        s = ALIGNMENT
         for _ in range(s.steps):
-            reach = s.reach * unit
+            reach = REACH * unit
             samples = torch.cat([inverse_depth - reach, inverse_depth, inverse_depth + reach], dim=1)
             x, y, ratio = project_sweep(*terms, samples)
             read = sample_bilinear(sources, x, y)  # (S, 3, 3 samples, h, W)
             seen = inside_frame(x[:, 1:2], y[:, 1:2], ratio[:, 1:2])
-            slope = (read[:, :, 2] - read[:, :, 0]) / (2 * s.reach)
+            slope = (read[:, :, 2] - read[:, :, 0]) / (2 * REACH)
             rest = read[:, :, 1] - photo
-            weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / s.outlier**2)
+            weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / OUTLIER**2)
             parts = [_summed(slope * rest), _summed(slope * slope), slope, rest, torch.ones_like(weight)]
             products, mean_slope, mean_rest, mass = box_mean(torch.cat(parts, dim=1) * weight, s.window).split(
                 [2, 3, 3, 1], dim=1
             )
             shared = torch.cat([_summed(mean_slope * mean_rest), _summed(mean_slope * mean_slope)], dim=1)
             sums = (products - shared / mass.clamp_min(1e-6)).sum(dim=0, keepdim=True)
-            step = -sums[:, :1] / (sums[:, 1:] + s.damping)
-            inverse_depth = inverse_depth + step.clamp(-s.largest_step, s.largest_step) * unit
+            step = -sums[:, :1] / (sums[:, 1:] + DAMPING)
+            inverse_depth = inverse_depth + step.clamp(-LARGEST_STEP, LARGEST_STEP) * unit
         return inverse_depth
 
 

@@ -6,7 +6,7 @@ more chance of a wrong match. A look at a coarse grid tells between which depths
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -16,38 +16,28 @@ from .geometry import project_sweep
 from .pairs import ViewPairs
 from .sweep import Comparison, InverseDepths, SweepSettings, matched, settled
 
+CELL = 8
+"""Side of a cell of the coarse grid, pixels of the photo."""
 
-@dataclass(frozen=True)
-class NarrowingSettings:
-    """`narrowed`.
+CANDIDATES = 36
+"""Swept there, over the whole range."""
 
-    Attributes:
-        cell: side of a cell of the coarse grid, pixels of the photo.
-        candidates: swept there, over the whole range.
-        dilations: of `fill_uncertain`, cells.
-        least_weight: weight of a cell whose depth no other view agrees with; one that agrees counts 1.
-        tail: share of the cells' weight that may lie beyond either end.
-        margin: added at both ends, candidates of the coarse grid.
-        finest: the least that neighbouring candidates lie apart in the other view, pixels of the photo; a range is not
-            made narrower than that.
-    """
+DILATIONS = (1, 2, 4)
+"""Of `fill_uncertain`, cells."""
 
-    cell: int = 8
-    candidates: int = 36
-    dilations: tuple[int, ...] = (1, 2, 4)
-    least_weight: float = 0.3
-    tail: float = 0.02
-    margin: float = 1.5
-    finest: float = 2.0
+LEAST_WEIGHT = 0.3
+"""Weight of a cell whose depth no other view agrees with; one that agrees counts 1."""
+
+TAIL, MARGIN = 0.02, 1.5
+"""Share of the cells' weight that may lie beyond either end, and what is added there, candidates of the coarse grid."""
+
+FINEST = 2.0
+"""The least that neighbouring candidates lie apart in the other view, pixels of the photo; a range is not made narrower
+than that."""
 
 
 def narrowed(
-    images: Tensor,
-    K_unit: Tensor,
-    pairs: ViewPairs,
-    whole: InverseDepths,
-    settings: NarrowingSettings,
-    matching: SweepSettings,
+    images: Tensor, K_unit: Tensor, pairs: ViewPairs, whole: InverseDepths, matching: SweepSettings
 ) -> InverseDepths:
     """The part of each view's range that its scene takes up, with as many candidates as the whole.
 
@@ -56,40 +46,36 @@ def narrowed(
         K_unit: (V, 3, 3) intrinsics divided by image width and height.
         pairs: views to compare.
         whole: the range to look at.
-        settings: of this function.
         matching: of the coarse grid's costs and paths.
     """
-    s = settings
-    cells = functional.avg_pool2d(images, s.cell)
+    cells = functional.avg_pool2d(images, CELL)
     views = Comparison.on(cells, K_unit, pairs, whole)
-    look = views.at(s.candidates)
-    matching = replace(matching, fill_dilations=s.dilations)
+    look = views.at(CANDIDATES)
+    matching = replace(matching, fill_dilations=DILATIONS)
     _, paths = matched(cells, look, matching)
     level, agreement = settled(paths, cells, look, matching)
-    return taken_up(level, agreement, views, s)
+    return taken_up(level, agreement, views)
 
 
-def taken_up(level: Tensor, agreement: Tensor, views: Comparison, settings: NarrowingSettings) -> InverseDepths:
+def taken_up(level: Tensor, agreement: Tensor, views: Comparison) -> InverseDepths:
     """The part of the range of views whose depth is sought that their filled levels (V, 1, h, w) on cells take up.
 
     Args:
         level, agreement: (V, 1, h, w) of cells, as `settled` has them.
         views: that were compared on cells, with their whole ranges.
-        settings: of `narrowed`.
     """
-    s, last = settings, settings.candidates - 1
-    pairs, whole = views.pairs, views.depths
-    weight = agreement.clamp_min(s.least_weight)
-    first = quantile(level, weight, s.tail, s.candidates) - s.margin / last
-    final = quantile(level, weight, 1 - s.tail, s.candidates) + s.margin / last
+    last, pairs, whole = CANDIDATES - 1, views.pairs, views.depths
+    weight = agreement.clamp_min(LEAST_WEIGHT)
+    first = quantile(level, weight, TAIL, CANDIDATES) - MARGIN / last
+    final = quantile(level, weight, 1 - TAIL, CANDIDATES) + MARGIN / last
     first, final = first.clamp(0, 1), final.clamp(0, 1)
 
     ends = torch.stack([whole.offset, whole.offset + whole.span], dim=1)[pairs.reference][:, :, None, None]
     x, y, _ = project_sweep(*views.terms, ends)
-    height, width = s.cell * level.shape[2], s.cell * level.shape[3]
+    height, width = CELL * level.shape[2], CELL * level.shape[3]
     moved = torch.sqrt((width * (x[:, 1] - x[:, 0])).square() + (height * (y[:, 1] - y[:, 0])).square())
     pixels = pairs.by_view(moved.clamp(1e-3, 2.0 * width)).mean(dim=(1, 2, 3))  # (V,) of the whole range
-    least = (s.finest * (whole.count - 1) / pixels).clamp_max(1)
+    least = (FINEST * (whole.count - 1) / pixels).clamp_max(1)
     half = torch.maximum(final - first, least) / 2
     middle = torch.minimum(torch.maximum((first + final) / 2, half), 1 - half)
     own = whole.of(pairs)

@@ -165,31 +165,23 @@ def pixel_layer(
     )
 
 
-@dataclass(frozen=True)
-class CoarseSettings:
-    """The second layer: a backdrop behind depth edges and a ring beyond the frame.
+CELL, RING = 4, 24
+"""Side of a grid cell of the second layer, pixels of the photo, and cells added beyond each side of the frame."""
 
-    Attributes:
-        cell: side of a grid cell, pixels of the photo.
-        ring: cells added beyond each side of the frame.
-        reach: side of the neighbourhood, in cells (odd), whose farthest depth a cell takes.
-        recede: factor on inverse depth, < 1, that keeps the backdrop behind the surface.
-        ring_recede: factor on inverse depth beyond the frame.
-        farthest: smallest inverse depth, relative to that of the far plane.
-        width: standard deviation, pixels of the photo.
-        opacity: of every Gaussian in the layer.
-        hidden_recede: factor on the inverse depth that another view sees, < 1: a cell stands behind that.
-    """
+REACH = 5
+"""Side of the neighbourhood, in cells (odd), whose farthest depth a cell takes."""
 
-    cell: int = 4
-    ring: int = 24
-    reach: int = 5
-    recede: float = 0.9
-    ring_recede: float = 0.65
-    farthest: float = 0.4
-    width: float = 2.4
-    opacity: float = 0.8
-    hidden_recede: float = 0.85
+RECEDE, RING_RECEDE = 0.9, 0.65
+"""Factors on inverse depth that keep the backdrop behind the surface, and beyond the frame."""
+
+FARTHEST = 0.4
+"""Smallest inverse depth of the second layer, relative to that of the far plane."""
+
+WIDTH, OPACITY = 2.4, 0.8
+"""Standard deviation, pixels of the photo, and opacity of every Gaussian in the second layer."""
+
+HIDDEN_RECEDE = 0.85
+"""Factor on the inverse depth that another view sees, < 1: a cell stands behind that."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +208,6 @@ def coarse_layer(
     inverse_depth: Tensor,
     far: Tensor,
     pairs: ViewPairs,
-    settings: CoarseSettings,
     changes: CoarseChanges | None = None,
 ) -> GaussianLayer:
     """One wide, round Gaussian per cell at the farthest depth nearby, continued past the frame.
@@ -228,39 +219,37 @@ def coarse_layer(
         inverse_depth: (V, 1, H, W), > 0.
         far: (V,) far plane.
         pairs: every view with every other.
-        settings: sizes and factors.
         changes: to the construction, or None.
 
     Returns:
         A layer of (H / cell + 2·ring, W / cell + 2·ring) Gaussians with its own K.
     """
-    cell, ring = settings.cell, settings.ring
-    height, width = images.shape[2] // cell, images.shape[3] // cell
-    colours = functional.avg_pool2d(images, cell)
-    shallow = functional.max_pool2d(-pairs.own(inverse_depth), cell)
-    farthest = box_minimum(-shallow, settings.reach) * settings.recede
+    height, width = images.shape[2] // CELL, images.shape[3] // CELL
+    colours = functional.avg_pool2d(images, CELL)
+    shallow = functional.max_pool2d(-pairs.own(inverse_depth), CELL)
+    farthest = box_minimum(-shallow, REACH) * RECEDE
     inside = torch.ones_like(farthest)
-    ring_factor = functional.pad(inside, (ring,) * 4, value=settings.ring_recede)
-    behind = functional.pad(farthest, (ring,) * 4, mode="replicate") * ring_factor
-    least = (settings.farthest / far)[:, None, None, None]
-    colours = functional.pad(colours, (ring,) * 4, mode="replicate")
-    opacity: Tensor | float = settings.opacity
-    width_px: Tensor | float = settings.width
+    ring_factor = functional.pad(inside, (RING,) * 4, value=RING_RECEDE)
+    behind = functional.pad(farthest, (RING,) * 4, mode="replicate") * ring_factor
+    least = (FARTHEST / far)[:, None, None, None]
+    colours = functional.pad(colours, (RING,) * 4, mode="replicate")
+    opacity: Tensor | float = OPACITY
+    width_px: Tensor | float = WIDTH
     if changes is not None:
         behind, colours = behind * changes.inverse_depth, colours + changes.colour
-        logit = math.log(settings.opacity / (1 - settings.opacity))
-        opacity, width_px = torch.sigmoid(logit + changes.opacity), settings.width * changes.width
+        logit = math.log(OPACITY / (1 - OPACITY))
+        opacity, width_px = torch.sigmoid(logit + changes.opacity), WIDTH * changes.width
 
-    shift = torch.tensor([[0.0, 0.0, ring], [0.0, 0.0, ring], [0.0, 0.0, 0.0]])
+    shift = torch.tensor([[0.0, 0.0, RING], [0.0, 0.0, RING], [0.0, 0.0, 0.0]])
     K = pixel_intrinsics(pairs.own(K_unit), height, width) + shift
-    rays = pixel_rays(K, height + 2 * ring, width + 2 * ring)
+    rays = pixel_rays(K, height + 2 * RING, width + 2 * RING)
     terms = pairs.sweep_terms(rays, K_unit)
     behind = torch.maximum(behind, least)
-    behind = torch.maximum(_behind_others(behind, terms, inverse_depth, pairs, settings.hidden_recede), least)
+    behind = torch.maximum(_behind_others(behind, terms, inverse_depth, pairs), least)
     covered = (ring_factor < 1) * _seen_elsewhere(behind, terms, pairs)
     depth = 1 / behind
-    scale = width_px / cell * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
-    grid = (-1, height + 2 * ring, width + 2 * ring)
+    scale = width_px / CELL * depth / focal_length(K)[:, None, None, None]  # (V, 1, h, w)
+    grid = (-1, height + 2 * RING, width + 2 * RING)
     return GaussianLayer(
         unproject(rays, depth, pairs.own(c2w)).permute(0, 2, 3, 1),
         rotation_quats(pairs.own(c2w)[:, :3, :3])[:, None, None].expand(*grid, 4),
@@ -271,13 +260,11 @@ def coarse_layer(
     )
 
 
-def _behind_others(
-    behind: Tensor, terms: tuple[Tensor, Tensor], inverse_depth: Tensor, pairs: ViewPairs, recede: float
-) -> Tensor:
+def _behind_others(behind: Tensor, terms: tuple[Tensor, Tensor], inverse_depth: Tensor, pairs: ViewPairs) -> Tensor:
     """Push cells (V, 1, h, w) that stand in space which another view sees through behind what it sees there."""
     own = behind[pairs.reference]
     x, y, ratio = project_sweep(*terms, own)
-    there = sample_bilinear(inverse_depth[pairs.source], x, y)[:, 0] * ratio * recede
+    there = sample_bilinear(inverse_depth[pairs.source], x, y)[:, 0] * ratio * HIDDEN_RECEDE
     allowed = torch.where(inside_frame(x, y, ratio) > 0, there, own)
     return torch.minimum(behind, pairs.by_view(allowed).amin(dim=1))
 

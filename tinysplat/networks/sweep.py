@@ -16,7 +16,7 @@ from torch.nn import functional
 from .aggregation import box_mean, fill_uncertain, local_contrast, path_costs
 from .geometry import BEHIND, inside_frame, pixel_intrinsics, pixel_rays, project_sweep, sample_bilinear
 from .pairs import ViewPairs
-from .surfels import CoarseSettings, coarse_layer, pixel_layer, sharpened, splat_weights
+from .surfels import coarse_layer, pixel_layer, sharpened, splat_weights
 
 OUTPUT_NAMES = (
     *("means", "quats", "scales", "opacities", "sh"),
@@ -31,6 +31,13 @@ STRIDE = 4
 MIN_SIDE = 32
 
 
+REACH, LARGEST_STEP = 0.5, 1.0
+"""Of aligning: half the distance between the samples of the derivative, and bound on a step, candidates."""
+
+OUTLIER, DAMPING = 0.1, 1e-3
+"""Colour difference from which a pixel's weight falls, and what is added to the curvature: flat places stay."""
+
+
 @dataclass(frozen=True)
 class AlignmentSettings:
     """`align_photos`.
@@ -38,105 +45,81 @@ class AlignmentSettings:
     Attributes:
         steps: Gauss-Newton steps.
         window: side of the box, pixels, whose pixels move together.
-        reach: half the distance between the samples of the derivative, candidates.
-        outlier: colour difference from which a pixel's weight falls.
-        damping: added to the curvature; flat places stay where they are.
-        largest_step: bound on a step, candidates.
         any_exposure: whether a box may differ from the source by a constant colour, which then tells nothing.
     """
 
     steps: int = 2
     window: int = 11
-    reach: float = 0.5
-    outlier: float = 0.1
-    damping: float = 1e-3
-    largest_step: float = 1.0
     any_exposure: bool = False
 
 
-@dataclass(frozen=True)
-class TrustSettings:
-    """`opacities_from_agreement`.
+OPACITY = 0.6
+"""Of a Gaussian that all views agree with. Below 1 on purpose: neighbours overlap, so that the surface is closed all
+the same, and a change of their depth order by coding changes the picture four times less than at 0.95 (squared error),
+which is what most of the paper's coding error comes from."""
 
-    Attributes:
-        opacity: of a Gaussian that all views agree with. Below 1 on purpose: neighbours overlap, so that the surface is
-            closed all the same, and a change of their depth order by coding changes the picture four times less than
-            at 0.95 (squared error), which is what most of the paper's coding error comes from.
-        agreement_share: share of opacity lost without any agreement.
-        hidden: agreement of a pixel that is behind what every source sees there.
-        unseen: agreement of a pixel that no source has in its frame.
-        intrusion_share: share of opacity lost by a Gaussian in the free space before what a source sees.
-        intrusion_from, intrusion_ramp: candidates in front at which that begins, and over which it grows.
-        least_witness: least weight of a source's own agreement in that.
-    """
+AGREEMENT_SHARE = 0.8
+"""Share of opacity lost without any agreement."""
 
-    opacity: float = 0.6
-    agreement_share: float = 0.8
-    hidden: float = 0.5
-    unseen: float = 0.4
-    intrusion_share: float = 0.5
-    intrusion_from: float = 1.0
-    intrusion_ramp: float = 2.0
-    least_witness: float = 0.3
+HIDDEN, UNSEEN = 0.5, 0.4
+"""Agreement of a pixel that is behind what every source sees there, and of one that no source has in its frame."""
+
+INTRUSION_SHARE = 0.5
+"""Share of opacity lost by a Gaussian in the free space before what a source sees."""
+
+INTRUSION_FROM, INTRUSION_RAMP = 1.0, 2.0
+"""Candidates in front at which that begins, and over which it grows."""
+
+LEAST_WITNESS = 0.3
+"""Least weight of a source's own agreement in that."""
+
+
+COLOUR_LIMIT, CONTRAST_LIMIT = 0.12, 1.0
+"""Where differences of colour and of local contrast are cut."""
+
+CONTRAST_WINDOW, WINDOW = 9, 3
+"""Sides of the window of local contrast, half-resolution pixels, and of the box that costs are averaged over."""
+
+UNSEEN_COST, UNSEEN_AGREEMENT = 0.2, 0.3
+"""Of a candidate, and before filling of a pixel, that no other view has in its frame."""
+
+SHARPNESS = 12.0
+"""Inverse temperature of the soft-argmin."""
+
+FOOTPRINT = 0.45
+"""Standard deviation of a Gaussian on a frontal surface, pixels: wide enough that its own Gaussians close a surface,
+however near one goes."""
+
+SHARPENING = (1.0, 1.0)
+"""Factors on what drawing takes from a photo, and on what it takes from that (`sharpened`)."""
+
+SURFACES = 2.0
+"""How many lie in one another (`splat_weights`)."""
 
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """What the sweep is made of; costs are of the order of one.
+    """What networks that sweep differ in; costs are of the order of one.
 
     Attributes:
         candidates: inverse depths from far to near, uniform.
         colour_weight: weight of the mean absolute colour difference.
-        colour_limit: that difference is cut here.
         contrast_weight: weight of the absolute difference of local contrast; at 0 it is not looked at.
-        contrast_limit: that difference is cut here.
-        contrast_window: side of the window of local contrast, half-resolution pixels.
-        unseen_cost: cost of a candidate that no other view has in its frame.
-        window: side of the box that the cost is averaged over before the paths.
-        step, jump, edge: of `aggregation.path_costs`.
-        sharpness: inverse temperature of the soft-argmin.
         consistency: standard deviation of the cross-view error that still counts as agreement, candidates.
-        unseen_agreement: agreement of pixels that no other view has in its frame, before filling.
-        fill_edge, fill_dilations: of `aggregation.fill_uncertain`.
+        fill_dilations: of `aggregation.fill_uncertain`.
         alignment: the last step at full resolution.
-        trust: from agreement between views to opacity.
-        footprint: standard deviation of a Gaussian on a frontal surface, pixels: wide enough that its own Gaussians
-            close a surface, however near one goes.
-        sharpening: factors on what drawing takes from a photo, and on what it takes from that (`sharpened`).
-        surfaces: how many lie in one another (`splat_weights`).
-        coarse: the second layer.
     """
 
     candidates: int = 56
     colour_weight: float = 1.5
-    colour_limit: float = 0.12
     contrast_weight: float = 0.15
-    contrast_limit: float = 1.0
-    contrast_window: int = 9
-    unseen_cost: float = 0.2
-    window: int = 3
-    step: float = 0.15
-    jump: float = 0.6
-    edge: float = 12.0
-    sharpness: float = 12.0
     consistency: float = 1.5
-    unseen_agreement: float = 0.3
-    fill_edge: float = 12.0
     fill_dilations: tuple[int, ...] = (1, 2, 4, 8, 8, 8)
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
-    trust: TrustSettings = field(default_factory=TrustSettings)
-    footprint: float = 0.45
-    sharpening: tuple[float, float] = (1.0, 1.0)
-    surfaces: float = 2.0
-    coarse: CoarseSettings = field(default_factory=CoarseSettings)
 
 
 class Sweep(nn.Module):
     """Posed photos to two layers of Gaussians."""
-
-    def __init__(self, settings: SweepSettings | None = None) -> None:
-        super().__init__()
-        self.settings = settings or SweepSettings()
 
     def forward(self, images: Tensor, K: Tensor, c2w: Tensor, near: Tensor, far: Tensor) -> tuple[Tensor, ...]:
         """Predict Gaussians.
@@ -151,7 +134,7 @@ class Sweep(nn.Module):
         Returns:
             The tensors named by `OUTPUT_NAMES`.
         """
-        settings = self.settings
+        settings = SweepSettings()
         pairs, witnesses = ViewPairs.nearest(c2w), ViewPairs.all(c2w)
         depths = InverseDepths(1 / far, 1 / near - 1 / far, settings.candidates)
         half = functional.avg_pool2d(images, 2)
@@ -163,10 +146,10 @@ class Sweep(nn.Module):
         level = align_photos(double(level), images, Comparison.on(images, K, pairs, depths), settings.alignment)
         inverse_depth = depths.at(level)
         opacities = double(opacities)
-        weights = splat_weights(inverse_depth, opacities, settings.footprint, settings.surfaces)
-        colours = sharpened(images, weights, *settings.sharpening)
-        surface = pixel_layer(colours, K, c2w, inverse_depth, opacities, settings.footprint)
-        coarse = coarse_layer(images, K, c2w, inverse_depth, far, witnesses, settings.coarse)
+        weights = splat_weights(inverse_depth, opacities, FOOTPRINT, SURFACES)
+        colours = sharpened(images, weights, *SHARPENING)
+        surface = pixel_layer(colours, K, c2w, inverse_depth, opacities, FOOTPRINT)
+        coarse = coarse_layer(images, K, c2w, inverse_depth, far, witnesses)
         return *surface.arrays(), *coarse.arrays(), coarse.K, 1 / inverse_depth[:, 0]
 
 
@@ -253,20 +236,20 @@ def matched(
         The costs; the aggregated costs less their minimum over candidates.
     """
     costs = matching_costs(guide, views, settings) + lead
-    paths = path_costs(costs, views.pairs.own(guide), step=settings.step, jump=settings.jump, edge=settings.edge)
+    paths = path_costs(costs, views.pairs.own(guide))
     return costs, paths - paths.amin(dim=1, keepdim=True)
 
 
 def settled(paths: Tensor, guide: Tensor, views: Comparison, settings: SweepSettings) -> tuple[Tensor, Tensor]:
     """Level (V, 1, h, w) of the lowest aggregated costs, filled where views disagree, and agreement before filling."""
-    return agreed(soft_argmin(paths, settings.sharpness), guide, views, settings)
+    return agreed(soft_argmin(paths), guide, views, settings)
 
 
 def agreed(level: Tensor, guide: Tensor, views: Comparison, settings: SweepSettings) -> tuple[Tensor, Tensor]:
     """Levels (…, 1, h, w) of all views, filled where views disagree, and agreement before filling."""
     agreement = cross_view_agreement(level, views, settings)
     own, colours = views.pairs.own(level), views.pairs.own(guide)
-    filled = fill_uncertain(own, agreement, colours, edge=settings.fill_edge, dilations=settings.fill_dilations)
+    filled = fill_uncertain(own, agreement, colours, settings.fill_dilations)
     return filled, agreement
 
 
@@ -278,20 +261,20 @@ def matching_costs(half: Tensor, views: Comparison, settings: SweepSettings) -> 
     """
     features, pairs = half, views.pairs
     if settings.contrast_weight:
-        contrast = local_contrast(half.mean(dim=1, keepdim=True), settings.contrast_window, floor=0.03)
+        contrast = local_contrast(half.mean(dim=1, keepdim=True), CONTRAST_WINDOW, floor=0.03)
         features = torch.cat([half, contrast], dim=1)
     read, seen, _ = views.read(features, views.depths.candidates()[:, :, None, None])  # (P, 3 or 4, D, h, w)
     difference = (read - features[pairs.reference][:, :, None]).abs()
-    cost = settings.colour_weight * difference[:, :3].mean(dim=1).clamp_max(settings.colour_limit)
+    cost = settings.colour_weight * difference[:, :3].mean(dim=1).clamp_max(COLOUR_LIMIT)
     if settings.contrast_weight:
-        cost = cost + settings.contrast_weight * difference[:, 3].clamp_max(settings.contrast_limit)
-    cost = box_mean(cost, settings.window)
+        cost = cost + settings.contrast_weight * difference[:, 3].clamp_max(CONTRAST_LIMIT)
+    cost = box_mean(cost, WINDOW)
     count = pairs.by_view(seen).sum(dim=1)
     mean = pairs.by_view(cost * seen).sum(dim=1) / count.clamp_min(1)
-    return torch.where(count > 0, mean, settings.unseen_cost)
+    return torch.where(count > 0, mean, UNSEEN_COST)
 
 
-def soft_argmin(costs: Tensor, sharpness: float) -> Tensor:
+def soft_argmin(costs: Tensor) -> Tensor:
     """Level (V, 1, h, w) in [0, 1] of the lowest cost (V, D, h, w), to a fraction of a candidate.
 
     The softmax-weighted mean of the best candidate and its two neighbours; the rest would pull it to the middle.
@@ -299,7 +282,7 @@ def soft_argmin(costs: Tensor, sharpness: float) -> Tensor:
     count = costs.shape[1]
     index = torch.arange(count, dtype=costs.dtype)[:, None, None]
     best = costs.argmin(dim=1, keepdim=True).to(costs.dtype)
-    weights = torch.exp(sharpness * (costs.amin(dim=1, keepdim=True) - costs)) * ((index - best).abs() < 1.5)
+    weights = torch.exp(SHARPNESS * (costs.amin(dim=1, keepdim=True) - costs)) * ((index - best).abs() < 1.5)
     return (weights * index).sum(dim=1, keepdim=True) / weights.sum(dim=1, keepdim=True) / (count - 1)
 
 
@@ -321,13 +304,13 @@ def error_in_sources(level: Tensor, views: Comparison, *further: Tensor) -> tupl
 def cross_view_agreement(level: Tensor, views: Comparison, settings: SweepSettings) -> Tensor:
     """How well the depth that a source view has at a pixel's place agrees with the pixel's own, (V, 1, h, w) in (0, 1].
 
-    The best source counts. A pixel that no source has in its frame gets `unseen_agreement`.
+    The best source counts. A pixel that no source has in its frame gets `UNSEEN_AGREEMENT`.
     """
     error, seen, _ = error_in_sources(level, views)
     by_view = views.pairs.by_view
     agreement = by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
     anywhere = by_view(seen).amax(dim=1)
-    return torch.where(anywhere > 0, agreement, settings.unseen_agreement).clamp_min(1e-3)
+    return torch.where(anywhere > 0, agreement, UNSEEN_AGREEMENT).clamp_min(1e-3)
 
 
 def opacities_from_agreement(level: Tensor, matched: Tensor, views: Comparison, settings: SweepSettings) -> Tensor:
@@ -337,17 +320,17 @@ def opacities_from_agreement(level: Tensor, matched: Tensor, views: Comparison, 
         level: (V, 1, h, w) after filling.
         matched: (V, 1, h, w) agreement before filling, a source's weight as a witness.
         views: every view with every other.
-        settings: of trust.
+        settings: of consistency.
     """
-    trust, by_view = settings.trust, views.pairs.by_view
+    by_view = views.pairs.by_view
     error, seen, witness = error_in_sources(level, views, matched)
-    in_front = ((error - trust.intrusion_from) / trust.intrusion_ramp).clamp(0, 1)
-    intrusion = by_view(in_front * seen * witness.clamp(trust.least_witness, 1.0)).amax(dim=1)
+    in_front = ((error - INTRUSION_FROM) / INTRUSION_RAMP).clamp(0, 1)
+    intrusion = by_view(in_front * seen * witness.clamp(LEAST_WITNESS, 1.0)).amax(dim=1)
     agreement = by_view(torch.exp(-0.5 * (error / settings.consistency).square()) * seen).amax(dim=1)
-    hidden = by_view((error < 0) * seen).amax(dim=1) * trust.hidden
+    hidden = by_view((error < 0) * seen).amax(dim=1) * HIDDEN
     anywhere = by_view(seen).amax(dim=1)
-    agreement = torch.where(anywhere > 0, torch.maximum(agreement, hidden), trust.unseen)
-    return trust.opacity * (1 - trust.intrusion_share * intrusion) * (1 - trust.agreement_share * (1 - agreement))
+    agreement = torch.where(anywhere > 0, torch.maximum(agreement, hidden), UNSEEN)
+    return OPACITY * (1 - INTRUSION_SHARE * intrusion) * (1 - AGREEMENT_SHARE * (1 - agreement))
 
 
 def align_photos(level: Tensor, images: Tensor, views: Comparison, settings: AlignmentSettings) -> Tensor:
@@ -358,13 +341,13 @@ def align_photos(level: Tensor, images: Tensor, views: Comparison, settings: Ali
     pairs, depths = views.pairs, views.depths.of(views.pairs)
     unit = 1 / (depths.count - 1)
     for _ in range(settings.steps):
-        reach = settings.reach * unit
+        reach = REACH * unit
         samples = depths.at(torch.cat([level - reach, level, level + reach], dim=1))
         read, inside, _ = views.read(images, samples)  # (P, 3, 3 samples, H, W)
         seen = inside[:, 1:2]
-        slope = (read[:, :, 2] - read[:, :, 0]) / (2 * settings.reach)  # colour per candidate
+        slope = (read[:, :, 2] - read[:, :, 0]) / (2 * REACH)  # colour per candidate
         rest = read[:, :, 1] - images[pairs.reference]
-        weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / settings.outlier**2)
+        weight = seen / (1 + rest.square().mean(dim=1, keepdim=True) / OUTLIER**2)
         products = torch.cat([(slope * rest).sum(1, keepdim=True), slope.square().sum(1, keepdim=True)], dim=1)
         means = box_mean(products * weight, settings.window)
         if settings.any_exposure:
@@ -373,8 +356,8 @@ def align_photos(level: Tensor, images: Tensor, views: Comparison, settings: Ali
             shared = torch.cat([mean_slope * mean_rest, mean_slope.square()], dim=1).unflatten(1, (2, 3)).sum(dim=2)
             means = means - shared / mass.clamp_min(1e-6)
         sums = pairs.by_view(means).sum(dim=1)
-        step = -sums[:, :1] / (sums[:, 1:] + settings.damping)
-        level = (level + step.clamp(-settings.largest_step, settings.largest_step) * unit).clamp(0, 1)
+        step = -sums[:, :1] / (sums[:, 1:] + DAMPING)
+        level = (level + step.clamp(-LARGEST_STEP, LARGEST_STEP) * unit).clamp(0, 1)
     return level
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,7 @@ class TrainingState:
 
     def averaged(self) -> Edge:
         """The network with the averaged weights, for evaluation."""
-        network = Edge(self.network.settings).to(next(self.network.parameters()).device)
+        network = Edge().to(next(self.network.parameters()).device)
         network.load_state_dict(self.average)
         return network.eval()
 
@@ -73,7 +73,6 @@ class TrainingState:
         """Write the run, atomically."""
         content = {
             "architecture": ARCHITECTURE,
-            "settings": repr(asdict(self.network.settings)),
             "config": config.as_dict(),
             "network": self.network.state_dict(),
             "average": self.average,
