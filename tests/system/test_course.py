@@ -96,6 +96,7 @@ def poses(count: int, pairs: int, pixels: int, seconds: Sequence[float]) -> Run:
     steps = [
         Step("copying photos", [0.0] * count, after=0.3),
         Step("features of photos", photos(count, feature)),
+        *([Step("choosing pairs of photos", [0.004 * k for k in range(count)], costs=range(count))] * (count > 40)),
         Step("matching pairs of photos", photos(pairs, pair)),
         Step("placing photos", [place * (0.7 + 0.6 * number / count) for number in range(count)], after=pairs / 1000),
         Step("taking distortion out", photos(count, distortion)),
@@ -147,7 +148,7 @@ RUNS = {
     "list of 12": listed(12, 0.3),
     "list of 24": listed(24, 0.6),
     "poses of 24 small photos": poses(24, 276, 455 * 256, (0.09, 0.006, 0.044, 0.026)),
-    "poses of 54 small photos": poses(54, 455, 455 * 256, (0.09, 0.006, 0.046, 0.024)),
+    "poses of 54 small photos": poses(54, 349, 455 * 256, (0.09, 0.006, 0.046, 0.024)),
     "poses of 10 large photos": poses(10, 45, 3840 * 2160, (0.5, 0.019, 0.1, 0.61)),
     "pictures": one_stage(24, 0.5),
 }

@@ -203,7 +203,7 @@ def place(
             opened.clear_matches()
             opened.clear_two_view_geometries()
         again_pairs = every or pairs_of_many(shared, _MORE_ALIKE)
-        told.plan([(_CAREFULLY, 1.5 * len(again_pairs) / len(pairs) * steps[1][1]), *steps[2:]])
+        told.plan([(_CAREFULLY, 1.5 * len(again_pairs) / len(pairs) * dict(steps)[_MATCHING]), *steps[-2:]])
         _match(names, again_pairs, database, threads, is_careful=True, told=told)
         again = _placed(photos, database, len(names), is_careful=True, told=told)
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
@@ -216,8 +216,10 @@ def ahead(photos: int, pairs: int, pixels: int) -> list[tuple[str, float]]:
     """Steps, and what each is likely to take against the others, for so many photos of so many pixels."""
     whole = pixels / 1e6
     seen = min(whole, 1.4)  # of larger photos, a smaller copy is
+    choosing = [("choosing pairs of photos", 0.002 * photos**2)] if photos > FEW else []
     return [
         ("features of photos", photos * (0.06 + 0.3 * seen)),
+        *choosing,
         (_MATCHING, pairs * (0.005 + 0.01 * seen)),
         ("placing photos", photos * (0.04 + 0.04 * seen)),
         ("taking distortion out", photos * (0.02 + 0.07 * whole)),
@@ -363,7 +365,7 @@ def shared_features(names: Sequence[str], database: Path, told: Told = NOBODY) -
         numbers = [opened.read_image_with_name(name).image_id for name in names]
         largest = [_largest_features(opened, number) for number in numbers]
     shared = np.zeros((len(names), len(names)), np.int64)
-    for j in told.progress("choosing pairs of photos", range(len(names))):
+    for j in told.progress("choosing pairs of photos", range(len(names)), costs=range(len(names))):
         for i in range(j):
             alike = largest[i] @ largest[j].T
             if min(alike.shape) > 1:

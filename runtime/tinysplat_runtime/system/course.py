@@ -53,7 +53,10 @@ class Stage:
         if self.is_over or self.total is None or self.done >= self.total:
             return 0.0
         first = max(self.done - max(LATEST, self.done // 2), min(self.done - 1, 1))
-        rate = (self._ends[-1] - self._ends[first]) / self._cost(first, self.done)
+        work = self._cost(first, self.done)
+        if not work:
+            return None
+        rate = (self._ends[-1] - self._ends[first]) / work
         since = self._clock() - self._ends[-1]
         then = self.done + self._together
         now, later = self._cost(self.done, then), self._cost(then, self.total)
