@@ -206,14 +206,11 @@ class Remover:
 
     def _go_down_to(self, count: int) -> None:
         """Rank on until no more than these are left."""
-
-        def rounds() -> Iterator[None]:
-            while self._present.size > count:
-                self._go_on()
-                yield
-
-        for _ in self._told.progress("ranking", rounds(), lambda: f"{self._present.size:,} are left"):
-            pass
+        rounds, left = 0, self._present.size
+        while left > max(count, 0):
+            rounds, left = rounds + 1, left - math.ceil(SHARE * left)
+        for _ in self._told.progress("ranking", range(rounds)):
+            self._go_on()
 
     def _go_on(self) -> None:
         """Let the cheapest go, and look again."""

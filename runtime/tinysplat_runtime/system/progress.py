@@ -149,7 +149,7 @@ def progress(
     def text() -> str:
         of = "" if total is None else f" of {total:,}"
         whole = _left(run) if stage is run.now else ""
-        return _joined(f"{label}: {stage.done:,}{of}", whole, note(), compiling.text)
+        return _joined(f"{label}: {stage.done:,}{of}", whole, note())
 
     if course is not None:
         _step[0] = text  # until the next one begins
@@ -187,15 +187,18 @@ def still_there(label: str, *, quiet: bool) -> Iterator[None]:
 def step(label: str, course: Course | None = None) -> None:
     """From now on this is what a command does, on the way of `course`."""
     since, run = time.monotonic(), course or Course()
-    _step[0] = lambda: _joined(f"{label}: {time.monotonic() - since:.0f} s", _left(run), compiling.text)
+    _step[0] = lambda: _joined(f"{label}: {time.monotonic() - since:.0f} s", _left(run))
 
 
 def _left(course: Course) -> str:
-    """For people, such as `about 40 s left`, on a terminal after a bar; empty where nobody knows."""
+    """For people, such as `about 40 s left`, on a terminal after a bar; empty where nobody knows. How long what
+    compiles will still take nobody does.
+    """
     left, way = course.left, course.way
     if left is None or way is None or left < LEAST_LEFT_S:
-        return ""
+        return compiling.text
     said = f"about {left:.0f} s left" if left < 100 else f"about {left / 60:.0f} min left"
+    said = f"{compiling.text}, then {said}" if compiling.text else said
     return f"[{'#' * round(BAR * way):.<{BAR}}] {said}" if sys.stderr.isatty() else said
 
 
