@@ -10,7 +10,7 @@ from prune.looks import psnr
 from scenes import make_list
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.job import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.list.blocks import blocks_of
 from tinysplat_runtime.codec.list.views import views_about, views_of
 from tinysplat_runtime.codec.profiles import find_profile
@@ -18,6 +18,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 
 pytest.importorskip("numba")
 
+from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.prune.encoder import PruningEncoder
 
 COUNT = 1600
@@ -49,8 +50,8 @@ def test_every_gaussian_is_in_one_block_and_blocks_are_about_as_large(most):
 def test_a_list_in_blocks_loses_what_nobody_sees_and_looks_like_one_in_a_piece(balls):
     decoded = {}
     for together in (COUNT, COUNT // 3):
-        kinds = {"threads": 1, "stats": EncodeStats(), "together": together}
-        coder = PruningEncoder(balls, views_of(balls), find_profile("balanced"), **kinds)
+        job = Job(balls, find_profile("balanced"), 0.0, GraphStore(), 1, EncodeStats())
+        coder = PruningEncoder(job, views_of(balls), together=together)
         decoded[together] = ts.decompress(coder.code(0.0))
     (whole, in_blocks), cameras = decoded.values(), list(balls.viewpoints)
     assert in_blocks.count < 0.6 * COUNT

@@ -17,19 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.job import EncodeStats
+from ..codec.job import Job
 from ..codec.list.blocks import blocks_of
 from ..codec.list.encoder import MOST_BLOCKS, ListEncoder
 from ..codec.list.views import TOGETHER, Views, views_of_block
 from ..codec.list.visible import taken, visible
-from ..codec.profiles import Profile
 from ..codec.search import Coder
 from ..errors import warn
 from ..gaussian.gaussians import Gaussians
 from ..system import disk
 from ..system.evenly import evenly
 from ..system.threads import Crew
-from ..system.told import NOBODY, Told
 from .removal import Pruned, Remover
 from .tiers import tiers_of
 
@@ -90,32 +88,21 @@ class PruningEncoder(Coder):
         profile: how planes are coded.
     """
 
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        views: Views,
-        profile: Profile,
-        *,
-        threads: int,
-        stats: EncodeStats,
-        seconds: float = math.inf,
-        told: Told = NOBODY,
-        together: int = TOGETHER,
-    ) -> None:
+    def __init__(self, job: Job, views: Views, *, seconds: float = math.inf, together: int = TOGETHER) -> None:
         """Look at the Gaussians.
 
         Args:
-            gaussians, profile, threads, stats: as `ListEncoder` has them, and errors.
+            job: a list, and how it is coded; errors as those of `ListEncoder`.
             views: where they are looked at from.
             seconds: after which no more is looked for that could go.
-            told: who is told how far that is.
             together: Gaussians that are ranked together, at most.
         """
-        self.profile, self._threads, self._stats, self._told = profile, threads, stats, told
+        gaussians, stats, told = job.gaussians, job.stats, job.told
+        self.profile, self._threads, self._stats, self._told = job.profile, job.threads, stats, told
         self._views, until = views, time.monotonic() + seconds
         # removers hold it, and would hold the encoder with a method of its
         self._is_late: Callable[[], bool] = lambda: time.monotonic() > until
-        self._whole = ListEncoder(gaussians, profile, threads=threads, stats=stats, views=views)
+        self._whole = ListEncoder(gaussians, job.profile, threads=job.threads, stats=stats, views=views)
         self._terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, self._whole.steps.sparse)
         self._notes = gaussians.notes
         with stats.watch.stage("rank"):

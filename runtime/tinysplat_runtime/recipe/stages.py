@@ -188,15 +188,7 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
         warn(fault)
         return encoder(job, views)
     if not views.doubt:
-        return PruningEncoder(
-            job.gaussians,
-            views,
-            job.profile,
-            threads=job.threads,
-            stats=job.stats,
-            seconds=pruning.seconds,
-            told=job.told,
-        )
+        return PruningEncoder(job, views, seconds=pruning.seconds)
     warn(f"all Gaussians are kept: {views.doubt}")
     if not job.gaussians.viewpoints:
         return encoder(job, views)

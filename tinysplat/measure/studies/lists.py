@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.codec.job import EncodeStats
-from tinysplat_runtime.codec.list.encoder import ListEncoder
+from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.list.views import from_anywhere, views_of
 from tinysplat_runtime.codec.list.visible import visible
+from tinysplat_runtime.codec.modes.list import encoder as encoder_of
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
@@ -102,9 +102,9 @@ def _own(run: Run, subject: Subject) -> Iterator[Row]:
     gaussians, profile = subject.pictures.gaussians, find_profile(DEFAULT_PROFILE)
     shown = visible(gaussians)
     views = from_anywhere(views_of(shown), shown)
-    pruning = PruningEncoder(gaussians, views, profile, threads=run.threads, stats=EncodeStats())
+    job = Job(gaussians, profile, 0.0, run.runtime.store, run.threads, EncodeStats())
+    pruning, whole = PruningEncoder(job, views), encoder_of(job, views)
     for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
-        whole = ListEncoder(gaussians, profile, threads=run.threads, stats=EncodeStats(), views=views)
         for way, encoder in ((OURS, pruning), (WHOLE, whole)):
             data = encoder.code(qp)
             yield subject.row(way, qp, data, run.runtime.decompress(data))
