@@ -85,8 +85,8 @@ def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
     coded, crew = [], Crew(job.threads)
     for index, layer in enumerate(layers):
         pair = gaussians.layers[index], earlier.layers[index]
-        coder = _LayerCoder(container, layer, index, profile.encoder, crew, stats)
-        coded.append(coder.code(*_targets(job.store, layer, *pair, profile, job.drop_invalid, stats)))
+        coder = _LayerCoder(container, layer, profile.encoder, crew, stats)
+        coded.append(coder.code(*_targets(job, layer, *pair, profile)))
     return write_planes(coded, gaussians, profile, container.qp, stats)
 
 
@@ -112,20 +112,15 @@ def _grids(shapes: Sequence[tuple[int, ...]]) -> str:
 
 
 def _targets(
-    store: GraphStore,
-    header: LayerHeader,
-    layer: Gaussians,
-    earlier: Gaussians,
-    profile: Profile,
-    drop_invalid: bool,
-    stats: EncodeStats,
+    job: Job, header: LayerHeader, layer: Gaussians, earlier: Gaussians, profile: Profile
 ) -> tuple[dict[tuple[PlaneClass, int], _Target], LayerPlan]:
     """What every channel of a layer is to hold, and the maps behind them."""
-    with stats.watch.stage("vpt"):
-        projected = [project_layer(store, one, drop_invalid=drop_invalid, where="") for one in (layer, earlier)]
-    with stats.watch.stage("vabr"):
+    both = layer, earlier
+    with job.stats.watch.stage("vpt"):
+        projected = [project_layer(job.store, one, drop_invalid=job.drop_invalid, where="") for one in both]
+    with job.stats.watch.stage("vabr"):
         reduction = _reduction(header, profile)
-        colors = [_colours(store, one, header, reduction) for one in (layer, earlier)]
+        colors = [_colours(job.store, one, header, reduction) for one in both]
     wanted, decoded = ({**_geometry(p, header), **c} for p, c in zip(projected, colors, strict=True))
     if header.reference_quats is None:  # q and −q are one rotation: the sign is the file's
         rotation = [(PlaneClass.ROTATION, n) for n in range(4)]
@@ -194,15 +189,9 @@ class _LayerCoder:
     """Codes the channels of one layer, keeping the file's pictures where they still say what is wanted."""
 
     def __init__(
-        self,
-        container: Container,
-        layer: LayerHeader,
-        index: int,
-        settings: EncoderSettings,
-        crew: Crew,
-        stats: EncodeStats,
+        self, container: Container, layer: LayerHeader, settings: EncoderSettings, crew: Crew, stats: EncodeStats
     ) -> None:
-        self._container, self._index, self._header = container, index, layer
+        self._container, self._header = container, layer
         self._settings, self._crew, self._stats = settings, crew, stats
         self._sets = container.parameter_sets.get(layer.parameter_set, b"")
 

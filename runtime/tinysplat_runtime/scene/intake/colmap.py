@@ -82,7 +82,7 @@ def load_colmap(folder: Path) -> Scene:
     entries = sorted(found.photos, key=lambda photo: photo.name)
     with within(str(model)):
         for entry in entries:
-            check_inside(entry.name, "images")
+            check_inside(entry.name)
         photos = _photos(folder, model, [entry.name for entry in entries])
         frames = [_frame(photos[i], entries[i]) for i in present(photos, str(model))]
     w2c = np.stack([photo.w2c for photo in found.photos])  # (V, 3, 4)

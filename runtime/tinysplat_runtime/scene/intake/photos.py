@@ -138,8 +138,8 @@ def present(photos: Sequence[Path], where: str) -> list[int]:
     return kept
 
 
-def check_inside(name: str, where: str) -> None:
+def check_inside(name: str) -> None:
     """InputError where a photo's name would leave its folder, on any system."""
     for path in (PurePosixPath(name), PureWindowsPath(name)):
         if path.anchor or ".." in path.parts:
-            raise InputError(f"'{name[:60]}' leaves the folder of the photos", where=where)
+            raise InputError(f"'{name[:60]}' leaves the folder of the photos", where="images")
