@@ -171,8 +171,8 @@ class Runtime:
             gaussians: per pixel, with cameras; or a list, as of a trained or an edited scene, which is coded in an
                 order of its own, without those that pictures hardly need (`keep_all` keeps them; so does a Python
                 without numba, with a warning) and those of opacity under 1/255. The file carries their notes and
-                viewpoints. Without `cameras`, what is surely an object is
-                looked at from outside, and of anything else all is kept, with a warning.
+                viewpoints. Without `cameras`, what is surely an object is looked at from outside, and of anything else
+                all is kept, with a warning.
             profile, qp: see `recipe.request.Coding`.
             stats: filled with what coding measured.
             **options: of `recipe.request.CompressRequest`.
@@ -377,9 +377,7 @@ def _check(value: object, kinds: type | UnionType, where: str, expected: str) ->
         raise InputError(f"{type_of(value)}, expected {expected}", where=where)
 
 
-@lru_cache(maxsize=1)
-def _shared() -> Runtime:
-    return Runtime()
+_shared = lru_cache(maxsize=1)(Runtime)
 
 
 def _door(method: Callable[Concatenate[Runtime, P], T]) -> Callable[P, T]:

@@ -28,7 +28,7 @@ from tinysplat_runtime.container.body import Body, Description, Opened
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import ChannelRecord, Picture
 from tinysplat_runtime.container.sections import Cursor, NewSection
-from tinysplat_runtime.container.writer import write_container
+from tinysplat_runtime.container.writer import Head, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import PlaneClass
@@ -67,7 +67,7 @@ def encode_toy(job: Job) -> bytes:
     means = job.gaussians.flat().means.astype("<f2")
     sections = [NewSection(TOY_POINTS, 0, struct.pack("<I", len(means)))]
     rows = [(0, ChannelRecord(PlaneClass.POSITION, 0, 0, 0.0, 0.0, Picture.each_of([means.tobytes()])))]
-    return write_container((), np.zeros(3), "toy", job.qp, sections, rows, views=1, notes=job.gaussians.notes)
+    return write_container(Head((), np.zeros(3), "toy", job.qp, job.gaussians.notes), sections, rows, views=1)
 
 
 def decode_toy(file: OpenFile, body: Toy) -> ts.Gaussians:

@@ -22,7 +22,7 @@ from tinysplat_runtime.container.planes import planes_file
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import ChannelRecord, Picture
 from tinysplat_runtime.container.sections import NewSection
-from tinysplat_runtime.container.writer import write_container
+from tinysplat_runtime.container.writer import Head, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import LayerPlan, PlaneClass
 from tinysplat_runtime.scene.cameras import Camera
@@ -44,7 +44,7 @@ def _file(
     camera = Camera(K, np.eye(4), size[1], size[0])
     channels = tuple(ChannelRecord(c, target, 0, 0.0, value) for c, target, value in records)
     layer = CodedLayer(*size, 0, LayerPlan((), 0, depths), channels, b"", (camera,))
-    return planes_file([layer], [camera], np.zeros(3), "paper", 0.0)
+    return planes_file(Head([camera], np.zeros(3), "paper", 0.0), [layer])
 
 
 def _read(**options: object) -> Container:
@@ -211,7 +211,7 @@ def _with_photos(
     photos = struct.pack("<32s64s2d2I2BH", b"", network, *depths, *size, values["format"], values["sets"], 0)
     extras = [NewSection(b"PHOT", 0, photos), NewSection(b"HEVC", 7, b"sets")]
     rows = [(0, ChannelRecord(PlaneClass.PHOTO, 0, 20, 0.0, 0.0, Picture.each_of(payloads)))]
-    return write_container([camera], np.zeros(3), "fast", 0.0, extras, rows, layers)
+    return write_container(Head([camera], np.zeros(3), "fast", 0.0), extras, rows, layers)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def _with_exact(
     extras = [NewSection(b"EXAC", n, fixed + tail) for n in range(layers)]
     channels = [ChannelRecord(PlaneClass.EXACT, target, 0, 0.0, 0.0, Picture.each_of([b"x"])) for target in planes]
     rows = [(layer, channel) for layer in range(layers) for channel in channels]
-    return write_container([camera], np.zeros(3), "max", 0.0, extras, rows, layers)
+    return write_container(Head([camera], np.zeros(3), "max", 0.0), extras, rows, layers)
 
 
 @pytest.mark.parametrize(

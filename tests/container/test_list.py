@@ -32,7 +32,7 @@ from tinysplat_runtime.container.list import (
 )
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import ChannelRecord, Picture
-from tinysplat_runtime.container.writer import write_container
+from tinysplat_runtime.container.writer import Head, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import PlaneClass as P
 from tinysplat_runtime.scene.cameras import Camera
@@ -73,7 +73,8 @@ def file(stated: int | None = None, tail: tuple[bytes, bytes] = (b"", b""), **va
     count = len(scene.tiers)
     rows, sections = list(list_rows(scene, [{}] * count)), list_sections(scene, [b""] * count)
     sections = [replace(section, data=section.data + tail[1] * (section.kind == tail[0])) for section in sections]
-    return write_container((), np.zeros(3), "max", 0.0, sections, rows, count if stated is None else stated, views=1)
+    head, tiers = Head((), np.zeros(3), "max", 0.0), count if stated is None else stated
+    return write_container(head, sections, rows, tiers, views=1)
 
 
 def read(data: bytes, **limits: int) -> ListScene:
@@ -114,7 +115,7 @@ def test_cameras_of_a_list_are_those_of_its_photos_as_precise_as_float32() -> No
     camera, origin = Camera([[101.7, 0, 12.3], [0, 99.1, 9.9], [0, 0, 1]], c2w, 24, 18), np.array([1e6, 0, 0])
     rounded = rounded_cameras([camera, camera], origin)
     sections = sections_of(file())[1:]
-    cameras = sections_of(write_container(rounded, origin, "max", 0.0, (), (), 1, views=1))[:2]
+    cameras = sections_of(write_container(Head(rounded, origin, "max", 0.0), (), (), 1, views=1))[:2]
     found = read_container(file_of([*cameras, *sections])).body
     assert not found.cameras and len(found.viewpoints) == 2
     for seen in found.viewpoints:

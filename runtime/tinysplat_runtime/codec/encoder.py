@@ -17,6 +17,7 @@ from ..container.limits import Limits
 from ..container.planes import planes_file
 from ..container.reader import read_container
 from ..container.records import ChannelRecord, Picture
+from ..container.writer import Head
 from ..errors import FormatError, InputError, NumericError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
@@ -106,9 +107,9 @@ def write_planes(
     Raises:
         NumericError: no reader would take it: scenes at the end of float32 can lead to that.
     """
-    cameras, origin, notes = gaussians.cameras, gaussians.origin, gaussians.notes
     with stats.watch.stage("write"):
-        data = planes_file(layers, cameras, origin, profile.name, qp, notes)
+        head = Head(gaussians.cameras, gaussians.origin, profile.name, qp, gaussians.notes)
+        data = planes_file(head, layers)
         try:
             read_container(data, _UNLIMITED)
         except FormatError as error:

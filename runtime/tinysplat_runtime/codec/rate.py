@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..container.layers import CodedLayer
 from ..container.planes import planes_file
 from ..container.records import ChannelRecord, Picture
+from ..container.writer import Head
 from ..gaussian.planes import Channel, LayerPlan, PlaneClass
 from .adaptive import depth_fineness, with_depth_pictures
 from .depth_step.blocks import DEAD_ZONE, SIDE, dct
@@ -112,7 +113,7 @@ class PlanesCoder(Coder):
             height, width = layer.opacities.shape[1:]
             layers.append(CodedLayer(height, width, layer.degree, plan, channels, b"", layer.cameras))
         scene = self._encoder.job.gaussians
-        return len(planes_file(layers, scene.cameras, scene.origin, "", 0.0, scene.notes))
+        return len(planes_file(Head(scene.cameras, scene.origin, "", 0.0, scene.notes), layers))
 
 
 class ChannelModel:

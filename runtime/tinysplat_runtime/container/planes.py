@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar
 
-from numpy.typing import NDArray
-
-from ..gaussian.notes import NO_NOTES, Notes
 from ..gaussian.planes import BACK_TO_FRONT, CODING_ORDER, PASSES, PlaneClass
 from ..scene.cameras import Camera
 from ..system.jsonfields import JsonObject
@@ -20,7 +17,7 @@ from .layers import CodedLayer, LayerHeader, layer_section, read_layer
 from .records import ChannelRecord
 from .sections import NewSection
 from .table import Row
-from .writer import write_container
+from .writer import Head, write_container
 
 MOST_TOGETHER = 6
 """Views of which a file is read as a whole: as many as a network takes at once."""
@@ -78,17 +75,10 @@ def pass_of(plane_class: PlaneClass, number: int) -> int:
     return facts.passes[0] if number < facts.base else facts.passes[1]
 
 
-def planes_file(
-    layers: Sequence[CodedLayer],
-    cameras: Sequence[Camera],
-    origin: NDArray,
-    profile: str,
-    qp: float,
-    notes: Notes = NO_NOTES,
-) -> bytes:
-    """The file of coded layers, in parts by view where there are many; arguments as of `write_container`."""
-    sections, rows, by_view = _sections(layers, cameras), list(_rows(layers)), len(cameras) > MOST_TOGETHER
-    return write_container(cameras, origin, profile, qp, sections, rows, len(layers), by_view=by_view, notes=notes)
+def planes_file(head: Head, layers: Sequence[CodedLayer]) -> bytes:
+    """The file of coded layers, in parts by view where there are many."""
+    sections, rows, by_view = _sections(layers, head.cameras), list(_rows(layers)), len(head.cameras) > MOST_TOGETHER
+    return write_container(head, sections, rows, len(layers), by_view=by_view)
 
 
 def _sections(layers: Sequence[CodedLayer], cameras: Sequence[Camera]) -> list[NewSection]:

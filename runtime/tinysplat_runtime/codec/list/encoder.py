@@ -34,7 +34,7 @@ from ...container.list import (
     range_fault,
 )
 from ...container.records import ChannelRecord
-from ...container.writer import write_container
+from ...container.writer import Head, write_container
 from ...errors import InputError
 from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import FIELDS, Gaussians
@@ -195,9 +195,9 @@ class ListEncoder(Coder):
         sets = [next((picture.parameter_sets for picture in own.values()), b"") for own in pictures]
         with self._stats.watch.stage("write"):
             origin, viewpoints = self._gaussians.origin, spread(self._gaussians.viewpoints, MOST_VIEWPOINTS)
-            cameras, name, notes = rounded_cameras(viewpoints, origin), self.profile.name, self._gaussians.notes
-            sections, rows = list_sections(scene, sets), list(list_rows(scene, payloads))
-            data = write_container(cameras, origin, name, qp, sections, rows, len(scene.tiers), views=1, notes=notes)
+            cameras, notes = rounded_cameras(viewpoints, origin), self._gaussians.notes
+            head, sections = Head(cameras, origin, self.profile.name, qp, notes), list_sections(scene, sets)
+            data = write_container(head, sections, list(list_rows(scene, payloads)), len(scene.tiers), views=1)
         if scene.count > MAX_PER_BYTE * len(data):
             found = f"{scene.count} Gaussians come to {len(data)} bytes, which stand for {MAX_PER_BYTE} each at most"
             raise InputError(found, where="qp")

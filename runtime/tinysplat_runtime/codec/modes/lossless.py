@@ -12,7 +12,7 @@ from ...container.layers import LayerMaps
 from ...container.records import Picture
 from ...container.sections import NewSection
 from ...container.table import Row
-from ...container.writer import write_container
+from ...container.writer import Head, write_container
 from ...errors import FormatError
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...system.threads import Crew
@@ -43,8 +43,8 @@ def encode(job: Job) -> bytes:
             coded = ExactLayer(layer.cameras, layer.degree, limits, digest, pictures)
             sections.append(exact_section(coded, index, cameras))
             rows += exact_rows(coded, index)
-        origin, notes, count = gaussians.origin, gaussians.notes, len(gaussians.layers)
-        return write_container(cameras, origin, LOSSLESS.name, 0.0, sections, rows, count, notes=notes)
+        head = Head(cameras, gaussians.origin, LOSSLESS.name, 0.0, gaussians.notes)
+        return write_container(head, sections, rows, len(gaussians.layers))
 
 
 def decode(file: OpenFile, body: Exact) -> Gaussians:

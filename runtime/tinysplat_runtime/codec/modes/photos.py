@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...container.photos import Photos, photo_sections
-from ...container.writer import write_container
+from ...container.writer import Head, write_container
 from ...gaussian.gaussians import Gaussians
 from ...graphs.walk import predict_grouped
 from ..job import Job, check_qp
@@ -22,9 +22,9 @@ def encode(job: Job) -> bytes:
     with job.stats.watch.stage("x265"):
         photos = encode_photos(scene.images, job.qp, job.profile.encoder, job.threads)
     sections = photo_sections(scene.network, photos, scene.groups)
-    cameras, notes = job.gaussians.cameras, job.gaussians.notes
+    head = Head(job.gaussians.cameras, np.zeros(3), job.profile.name, job.qp, job.gaussians.notes)
     with job.stats.watch.stage("write"):
-        return write_container(cameras, np.zeros(3), job.profile.name, job.qp, sections, photos.rows, notes=notes)
+        return write_container(head, sections, photos.rows)
 
 
 def decode(file: OpenFile, body: Photos) -> Gaussians:
