@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +131,7 @@ def test_gltf_with_spz_reads_as_the_spz_file_does_where_its_node_puts_it(tmp_pat
 
 def test_what_is_lost_is_said(tmp_path: Path) -> None:
     camera = Camera(np.array([[10.0, 0, 6], [0, 10, 4], [0, 0, 1]]), np.eye(4), 8, 8)
-    made = make_gaussians(views=1, height=8, width=8, degree=4).with_cameras([camera])
+    made = replace(make_gaussians(views=1, height=8, width=8, degree=4), cameras=(camera,))
     said = save_gaussians(tmp_path / "a.glb", made)
     assert any(tells(line, f"SH 4 3 {PREFIX}") for line in said) and any("camera" in line for line in said)
     assert load_gaussians(tmp_path / "a.glb").degree == 3

@@ -40,7 +40,7 @@ def marked(scene: Scene, origin: np.ndarray | None = None) -> Gaussians:
         means = np.stack([np.full(one.means.shape[1:], c.centre[0] - origin[0]) for c in scene.cameras])
         return replace(one, means=means, cameras=one.cameras, extra_layers=(), origin=origin)
 
-    behind = tuple(layer(one).with_cameras(one.cameras) for one in made.extra_layers)
+    behind = tuple(replace(layer(one), cameras=one.cameras) for one in made.extra_layers)
     return replace(layer(made), cameras=tuple(scene.cameras), extra_layers=behind)
 
 

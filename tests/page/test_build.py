@@ -6,6 +6,7 @@ import base64
 import hashlib
 import io
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -98,7 +99,7 @@ def encoded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("view")
     scene = write_scene(folder / "desk", views=3, height=24, width=32)
     cameras = make_cameras(3, 24, 32)
-    gaussians = make_gaussians(3, 24, 32).with_cameras(cameras)
+    gaussians = replace(make_gaussians(3, 24, 32), cameras=tuple(cameras))
     noted = gaussians.with_notes(ts.Notes(attribution="Ana <b>", licence="CC-BY-4.0"))
     (folder / "g.tsplat").write_bytes(ts.compress(noted))
     ts.save_gaussians(folder / "g.spz", gaussians)

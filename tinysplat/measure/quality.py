@@ -20,7 +20,7 @@ from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors
-from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
+from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.masked import hidden
 from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.recipe.words import Refinement
@@ -179,7 +179,7 @@ def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: Pictu
         "bytes": len(data),
         "bytes_by_class": described["bytes_by_class"],
         "metadata_bytes": described["metadata_bytes"],
-        "raw_bytes": sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS),
+        "raw_bytes": gaussians.nbytes,
         "gaussians": gaussians.count,
         "attribute_errors": attribute_errors(gaussians, decoded),
         "per_image": per_image,

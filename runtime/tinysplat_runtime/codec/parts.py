@@ -19,7 +19,7 @@ from ..container.reader import check_views, read_container, read_outline
 from ..container.sections import metadata_range, table_end
 from ..errors import FormatError, InputError
 from ..gaussian.editing import select_views
-from ..gaussian.gaussians import FIELDS, Gaussians, joined
+from ..gaussian.gaussians import Gaussians, joined
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
@@ -170,13 +170,9 @@ class SceneFile:
         ]
 
     def _shrink(self) -> None:
-        total = sum(map(_bytes_of, self._cached.values()))
+        total = sum(gaussians.nbytes for gaussians in self._cached.values())
         while self._cached and total > self._cache_bytes:
-            total -= _bytes_of(self._cached.popitem(last=False)[1])
-
-
-def _bytes_of(gaussians: Gaussians) -> int:
-    return sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)
+            total -= self._cached.popitem(last=False)[1].nbytes
 
 
 def _depths(gaussians: Gaussians) -> tuple[float, float]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,6 +145,11 @@ class Gaussians:
         """Number of Gaussians over all layers."""
         return sum(layer.opacities.size for layer in self.layers)
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the arrays of all layers."""
+        return sum(getattr(layer, name).nbytes for layer in self.layers for name in FIELDS)
+
     def flat(self) -> Gaussians:
         """All layers as one (N,) set, whose viewpoints the cameras are; lower SH degrees are padded with zeros to the
         highest.
@@ -179,10 +184,6 @@ class Gaussians:
         from ..render.notebook import html
 
         return html(self)
-
-    def with_cameras(self, cameras: Iterable[Camera]) -> Gaussians:
-        """The same Gaussians seen as the pixels of other cameras."""
-        return replace(self, cameras=tuple(cameras))
 
     def with_notes(self, notes: Notes) -> Gaussians:
         """The same Gaussians with other words of their maker's."""

@@ -9,7 +9,7 @@ from ..codec.job import EncodeStats, PhotoScene
 from ..codec.modes import DEFAULT_MODE, EITHER, LIST, PHOTOS
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import Gaussians
 from ..graphs.ways import Way
 from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_scene
@@ -78,7 +78,7 @@ def encode(
     made = _made(replace(request, like=request.example()), tools, told, stats, is_coded=True)
     data = _coded(made.gaussians, made.request, made.scene, tools, stats, told)
     kept = made.gaussians if keep else None
-    return Encoded(data, kept, raw_bytes(made.gaussians), stats, made.refined, made.scene, made.doubts)
+    return Encoded(data, kept, made.gaussians.nbytes, stats, made.refined, made.scene, made.doubts)
 
 
 def listed(
@@ -202,7 +202,7 @@ def compress(
     pruning = Pruning(request.keep_all, request.seconds or math.inf)
     data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)
     kept = gaussians if keep else None
-    return Encoded(data, kept, raw_bytes(gaussians), stats, refinement if request.refine else None)
+    return Encoded(data, kept, gaussians.nbytes, stats, refinement if request.refine else None)
 
 
 def _refined(
@@ -239,8 +239,3 @@ def _coded(
         return code(gaussians, coding, tools, stats=stats, told=told)
     photos = PhotoScene.of(scene, request.model, tools.store)
     return code_photos(gaussians, request, photos, tools, stats=stats)
-
-
-def raw_bytes(gaussians: Gaussians) -> int:
-    """Of the arrays of all layers."""
-    return sum(getattr(layer, name).nbytes for layer in gaussians.layers for name in FIELDS)

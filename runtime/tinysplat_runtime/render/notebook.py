@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from html import escape
 
-from ..gaussian.gaussians import FIELDS, Gaussians
+from ..gaussian.gaussians import Gaussians
 from ..scene.pictures import png_bytes
 from .renderer import render
 
@@ -29,7 +29,7 @@ def html(gaussians: Gaussians) -> str:
         "Gaussians": f"{gaussians.count:,}",
         "SH degree": str(gaussians.degree),
         "layers": " + ".join("x".join(map(str, layer.opacities.shape)) for layer in gaussians.layers),
-        "memory": f"{sum(getattr(a, n).nbytes for a in gaussians.layers for n in FIELDS) / 1e6:.1f} MB",
+        "memory": f"{gaussians.nbytes / 1e6:.1f} MB",
     }
     table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
     picture = png(gaussians)
