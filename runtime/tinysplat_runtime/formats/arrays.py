@@ -17,7 +17,6 @@ import math
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -45,23 +44,17 @@ _ARRAY_NAME = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class _Header:
-    """An array that a file announces."""
-
-    dtype: str
-    shape: tuple[int, ...]
-    itemsize: int
-    is_real: bool
+_Header = tuple[str, tuple[int, ...], int]
+"""Of an array that a file announces: its type in words, its shape, and bytes of a number, 0 of what is none."""
 
 
 def _check_headers(headers: Mapping[str, _Header], budget: int) -> None:
-    for name, header in headers.items():
-        if not header.is_real:
-            raise InputError(f"of type {header.dtype}, expected float16, float32 or float64", where=name)
-        if len(header.shape) > 8 or any(n < 0 for n in header.shape):
-            raise InputError(f"of shape {str(header.shape)[:60]}", where=name)
-    total = sum(math.prod(header.shape) * header.itemsize for header in headers.values())
+    for name, (kind, shape, size) in headers.items():
+        if not size:
+            raise InputError(f"of type {kind}, expected float16, float32 or float64", where=name)
+        if len(shape) > 8 or any(n < 0 for n in shape):
+            raise InputError(f"of shape {str(shape)[:60]}", where=name)
+    total = sum(math.prod(shape) * size for _, shape, size in headers.values())
     if total > budget:
         raise InputError(f"arrays of {total} bytes in all, expected at most {budget} of this file")
 
@@ -105,7 +98,8 @@ def _npy_header(member: Any) -> _Header:
     if version not in readers:
         raise InputError(f"array format {version}, expected 1.0 or 2.0")
     shape, _, dtype = readers[version](member)
-    return _Header(str(dtype), shape, dtype.itemsize, dtype.kind in "fiu" and dtype.itemsize <= 8)
+    is_real = dtype.kind in "fiu" and dtype.itemsize <= 8
+    return str(dtype), shape, dtype.itemsize if is_real else 0
 
 
 def read_safetensors(path: Path, max_bytes: int) -> Contents:
@@ -116,9 +110,9 @@ def read_safetensors(path: Path, max_bytes: int) -> Contents:
         headers = {}
         for name in filter(_ARRAY_NAME.fullmatch, file.keys()):
             tensor = file.get_slice(name)
-            dtype, shape = tensor.get_dtype(), tuple(tensor.get_shape())
-            is_real = re.fullmatch(r"[FIU](8|16|32|64)", dtype) is not None
-            headers[name] = _Header(dtype, shape, int(dtype[1:]) // 8 if is_real else 0, is_real)
+            dtype = tensor.get_dtype()
+            bits = re.fullmatch(r"[FIU](8|16|32|64)", dtype)
+            headers[name] = dtype, tuple(tensor.get_shape()), int(bits[1]) // 8 if bits else 0
         _check_headers(headers, max_bytes)
         return {name: file.get_tensor(name) for name in headers}, known_notes(file.metadata() or {})
 

@@ -55,7 +55,8 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
     # As defined: most formats keep no cameras, and what is drawn with their help would count as lost.
     ours, theirs = (Renderer(drawn, None, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
     psnr = mean_decibels(map(theirs.render, views), map(ours.render, views))
-    return Loss(sum(part.stat().st_size for part in _parts(Path(path))), psnr, len(views))
+    beside = Path(path).parent.glob("*.webp") if Path(path).suffix == ".json" else ()  # of a SOG folder
+    return Loss(sum(part.stat().st_size for part in (Path(path), *beside)), psnr, len(views))
 
 
 def _views(gaussians: Gaussians) -> Sequence[Camera]:
@@ -66,8 +67,3 @@ def _views(gaussians: Gaussians) -> Sequence[Camera]:
         depth = float(np.median((means - camera.centre) @ camera.c2w[:3, 2]))
         return orbit([camera], 4, depth)
     return [seen_from[v] for v in evenly(len(seen_from), MAX_VIEWS)]
-
-
-def _parts(path: Path) -> list[Path]:
-    """The file, or all of a SOG folder."""
-    return [path] if path.suffix != ".json" else [path, *path.parent.glob("*.webp")]

@@ -99,28 +99,14 @@ def _hide(layer: Gaussians, view: int, known: NDArray) -> None:
     towards = arrays["quats"][known].sum(axis=0)
     quats = arrays["quats"] * np.where(arrays["quats"] @ towards < 0, -1, 1)[..., None]
     sh = arrays["sh"].reshape(*known.shape, -1)
-    smooth = filled(np.concatenate([_offsets(seen), 1 / depth, scales, quats, sh], axis=2), known)[~known]
+    row, column = np.mgrid[: known.shape[0], : known.shape[1]] + 0.5
+    pixels = np.stack([column, row], axis=-1)  # (H, W, 2), their centres
+    offsets = seen[..., :2] / depth - pixels
+    smooth = filled(np.concatenate([offsets, 1 / depth, scales, quats, sh], axis=2), known)[~known]
     offsets, inverse, sizes, turns, colours = np.split(smooth, [2, 3, 6, 10], axis=1)
-    arrays["means"][~known] = _means(offsets, 1 / inverse, known, camera) - shift
+    homogeneous = np.concatenate([pixels[~known] + offsets, np.ones_like(inverse)], axis=1) * (1 / inverse)
+    arrays["means"][~known] = homogeneous @ np.linalg.inv(camera.K @ camera.rotation).T - shift
     arrays["scales"][~known] = np.exp(sizes) / inverse
     length = np.linalg.norm(turns, axis=1, keepdims=True)
     arrays["quats"][~known] = np.where(length > 1e-6, turns / np.maximum(length, 1e-6), [1, 0, 0, 0])
     arrays["sh"][~known] = colours.reshape(len(colours), -1, 3)
-
-
-def _pixels(height: int, width: int) -> NDArray:
-    """(H, W, 2) centres of pixels, x first."""
-    row, column = np.mgrid[:height, :width] + 0.5
-    return np.stack([column, row], axis=-1)
-
-
-def _offsets(seen: NDArray) -> NDArray:
-    """How far from its pixel each of (H, W, 3) homogeneous places lies, (H, W, 2) pixels."""
-    return seen[..., :2] / seen[..., 2:] - _pixels(*seen.shape[:2])
-
-
-def _means(offsets: NDArray, depth: NDArray, known: NDArray, camera: Camera) -> NDArray:
-    """(n, 3) places, relative to the camera's centre, of pixels that are not known, by offsets and depths (n, …)."""
-    places = _pixels(*known.shape)[~known] + offsets
-    homogeneous = np.concatenate([places, np.ones_like(depth)], axis=1) * depth
-    return homogeneous @ np.linalg.inv(camera.K @ camera.rotation).T

@@ -241,7 +241,9 @@ class Remover:
         if shown.size or penalties:
             left = self.recoloured(left, penalties)
         if shown.size and not self._is_late():
-            left = max(left, self._corrected(left), key=self.psnr_of)
+            views = self._pictures
+            wanted = [views.wanted[number] for number in range(len(views.cameras))]
+            left = max(left, corrected(left, views.cameras, wanted, self._run, self._told), key=self.psnr_of)
         return Pruned(left, rows, self._prices.size - rows.size, self._tellers.psnr(left))
 
     def _kept(self, cameras: Sequence[Camera]) -> Pictures:
@@ -249,10 +251,6 @@ class Remover:
         pictures = Pictures(cameras, self._run)
         pictures.keep(self._all)
         return pictures
-
-    def _corrected(self, gaussians: Gaussians) -> Gaussians:
-        wanted = [self._pictures.wanted[number] for number in range(len(self._pictures.cameras))]
-        return corrected(gaussians, self._pictures.cameras, wanted, self._run, self._told)
 
     def _look(self, gaussians: Gaussians, views: Sequence[int], told: Told = NOBODY) -> _Seen:
         shape = gaussians.opacities.size, len(views) if gaussians.degree else 1

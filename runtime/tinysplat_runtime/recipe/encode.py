@@ -118,10 +118,11 @@ class _Made:
 def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
     """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
     from .ahead import ahead, from_gaussians
-    from .prepare import ALL_VIEWS, expected_bytes
+    from .prepare import ALL_VIEWS, expected_bytes, prepared
     from .refinement import chosen
 
-    scene, way = _ready(request, tools, told)
+    scene, is_whole = prepared(request, told), request.mode == PHOTOS
+    way = Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
     request, refinement = chosen(request, scene, way, told)
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
@@ -146,15 +147,6 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     if refinement and refined:
         gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
     return _Made(gaussians, request, scene, doubted, refined)
-
-
-def _ready(request: EncodeRequest, tools: Tools, told: Told) -> tuple[Scene, Way]:
-    """The scene as the network is to have it, and its way through it."""
-    from .prepare import prepared
-
-    scene, is_whole = prepared(request, told), request.mode == PHOTOS
-    way = Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
-    return scene, way
 
 
 def _predicted(

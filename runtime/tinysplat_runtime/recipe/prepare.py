@@ -22,6 +22,7 @@ from ..scene.neighbours import LEAST_BASELINE, Neighbours
 from ..scene.scenes import Frame, Scene
 from ..scene.spacing import Spacing
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
+from ..system.printable import listed
 from ..system.told import NOBODY, Told
 from .doubts import OF_NO_RANGE, doubts
 from .request import EncodeRequest
@@ -168,16 +169,12 @@ def _once(scene: Scene, told: Told) -> Scene:
     kept = sorted(first.values())
     if len(kept) < len(scene.frames):
         again = [frame.path.name for v, frame in enumerate(scene.frames) if v not in set(kept)]
-        told.say("notice", f"left out {_listed(again)}: taken from the same place as another", scene.path)
+        told.say("notice", f"left out {listed(again)}: taken from the same place as another", scene.path)
     return scene.views(kept)
 
 
 def _name(frame: Frame) -> str:
     return frame.path.name if frame.video is None else f"frame {frame.index}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def _matching(scene: Scene, told: Told) -> Scene:
@@ -192,7 +189,7 @@ def _matching(scene: Scene, told: Told) -> Scene:
         raise InputError(f"{fault}, nor those that have nothing in common", where=str(scene.path))
     if alone:
         told.say(
-            "notice", f"left out {_listed(alone)}: nothing in common with other photos from other places", scene.path
+            "notice", f"left out {listed(alone)}: nothing in common with other photos from other places", scene.path
         )
         scene = scene.views(kept)
     parts = sorted((len(part) for part in neighbours.parts() if len(part) > 1), reverse=True)
@@ -321,7 +318,7 @@ def _masked(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
         fault = f"masks leave nothing of {len(nothing)} of {len(scene.frames)} photos"
         raise InputError(f"{fault}: black is left out, white is kept; --no-masks ignores them", where=str(scene.path))
     if nothing:
-        names = _listed([_name(scene.frames[v]) for v in nothing])
+        names = listed([_name(scene.frames[v]) for v in nothing])
         told.say("notice", f"left out {names}: their masks leave nothing of them", scene.path)
     for meaning, words in ((MOVING, "what moves"), (BACKGROUND, "background, where nothing is")):
         shares = [out[v] for v in kept if v in out and scene.frames[v].is_on_background == (meaning == BACKGROUND)]

@@ -88,7 +88,9 @@ def of_icc(profile: bytes) -> Colours | None:
         for n in range(min(count, _MOST_TAGS)):
             name, offset, size = struct.unpack_from(">4sII", profile, 132 + 12 * n)
             tags[name] = profile[offset : offset + size]
-        colorants = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
+        colorants = (
+            np.array([struct.unpack_from(">3i", tags[name], 8) for name in (b"rXYZ", b"gXYZ", b"bXYZ")]).T / 65536
+        )
         curves = np.stack([_icc_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")])
         colours = Colours(curves.astype(np.float32), np.linalg.solve(_SRGB_D50, colorants).astype(np.float32))
     except (struct.error, KeyError, ValueError):
@@ -160,11 +162,6 @@ def _to_xyz(primaries: ArrayLike) -> NDArray:
     """(3, 3) from linear RGB of primaries (3, 2) xy and white D65 to XYZ."""
     xyz = np.array([(x / y, 1, (1 - x - y) / y) for x, y in [*np.asarray(primaries), _D65]]).T  # (3, 4)
     return xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3])
-
-
-def _xyz(tag: bytes) -> NDArray:
-    """(3,) of an XYZ tag."""
-    return np.array(struct.unpack_from(">3i", tag, 8)) / 65536
 
 
 def _icc_curve(tag: bytes) -> NDArray:

@@ -16,7 +16,7 @@ with partners nearly as near.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,15 +116,20 @@ class Neighbours:
         for v, partners in enumerate(self.partners):
             for u in partners:
                 beside[u].add(v)
-        parts, left = [], set(range(len(beside)))
-        while left:
-            part, new = set[int](), {min(left)}
-            while new:
-                part |= new
-                new = set().union(*(beside[v] for v in new)) - part
-            parts.append(sorted(part))
-            left -= part
-        return parts
+        return joined(beside)
+
+
+def joined(beside: Sequence[Iterable[int]]) -> list[list[int]]:
+    """Parts of a graph, rising, whose nodes lead to one another; `beside` are each node's neighbours, both ways."""
+    parts, left = [], set(range(len(beside)))
+    while left:
+        part, new = set[int](), {min(left)}
+        while new:
+            part |= new
+            new = set().union(*(beside[v] for v in new)) - part
+        parts.append(sorted(part))
+        left -= part
+    return parts
 
 
 def view_places(cameras: Sequence[Camera], near: float, far: float) -> NDArray:

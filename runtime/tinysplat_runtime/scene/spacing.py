@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..system.printable import listed
 from .cameras import Camera
 from .frusta import points_seen, sees
 from .neighbours import COMMON, view_places
@@ -22,8 +23,6 @@ GOOD_ANGLES = (3.0, 10.0)
 
 MAX_ANGLE = 35.0
 """Degrees at which a pair is worth nothing, and a photo stands alone."""
-
-_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,8 @@ class Spacing:
         good = f"{GOOD_ANGLES[0]:.0f}° to {GOOD_ANGLES[1]:.0f}° is good"
         if not self.alone or len(names) == 2:
             return f"{gap}; {good}"
-        more = f" and {len(self.alone) - _NAMED} more" if len(self.alone) > _NAMED else ""
-        listed = ", ".join(names[v] for v in self.alone[:_NAMED]) + more
-        return f"{gap}; {good}; more than {MAX_ANGLE:.0f}° from any other: {listed}"
+        alone = listed([names[v] for v in self.alone])
+        return f"{gap}; {good}; more than {MAX_ANGLE:.0f}° from any other: {alone}"
 
 
 def angle_between(camera: Camera, other: Camera, near: float, far: float) -> float:

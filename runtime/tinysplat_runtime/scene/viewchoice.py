@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .cameras import Camera
 from .frusta import points_seen, sees
-from .neighbours import COMMON, Neighbours
+from .neighbours import COMMON, Neighbours, joined
 from .spacing import GOOD_ANGLES, MAX_ANGLE
 
 MIN_ANGLE = 0.1
@@ -138,7 +138,9 @@ def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int)
     values, joins = _pair_values([cameras[i] for i in candidates], near, far)  # (C, C, P), (C, C)
     if not values.any():
         raise InputError("no two photos see the same place from different ones; name some with --views", where="views")
-    place = _places_of(joins)  # (C,)
+    place = np.empty(len(joins), np.int64)  # the number of what each view shows
+    for number, views in enumerate(joined([np.flatnonzero(beside).tolist() for beside in joins])):
+        place[views] = number
     chosen: list[int] = []
     reached = np.zeros(values.shape[2], np.float32)  # (P,)
     while len(chosen) < count:
@@ -151,16 +153,6 @@ def choose_views(cameras: Sequence[Camera], near: float, far: float, count: int)
         chosen += added
         reached = np.maximum(reached, values[np.ix_(chosen, added)].max(axis=(0, 1)))
     return sorted(candidates[i] for i in chosen)
-
-
-def _places_of(joins: NDArray) -> NDArray:
-    """(C,) a number of the place that each view shows, the same for those that joins (C, C) lead to one another."""
-    place = np.arange(len(joins))
-    while True:
-        lowest = np.minimum(place, np.where(joins, place, len(joins)).min(axis=1))
-        if (lowest == place).all():
-            return place
-        place = lowest
 
 
 def _best_addition(

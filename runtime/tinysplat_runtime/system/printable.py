@@ -7,6 +7,7 @@ version to version: a file that one reader takes no other refuses.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 UNPRINTED = (
     (0x00, 0x1F), (0x7F, 0x9F), (0xAD, 0xAD), (0x600, 0x605), (0x61C, 0x61C), (0x6DD, 0x6DD), (0x70F, 0x70F),
@@ -23,6 +24,11 @@ def type_of(value: object) -> str:
     """The type of a value, with its article: `an int`."""
     name = type(value).__name__
     return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
+
+
+def listed(names: Sequence[str], most: int = 3) -> str:
+    """The first names of a list, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def unprinted(text: str) -> str | None:

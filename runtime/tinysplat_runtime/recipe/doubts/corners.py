@@ -95,14 +95,7 @@ def range_of_corners(seen: Seen) -> list[str]:
     if inside(1.0) >= 0.5:
         return []
     if len(better := [unit for unit in UNITS if inside(unit) >= 0.5]) == 1:
-        return [_other_units(better[0])]
-    return [_other_range(near, far, *np.percentile(seen.corner_depths, (2, 98)))]
-
-
-def _other_units(unit: float) -> str:
-    return f"translations are in other units than near and far: times {unit:g}, photos agree far better"
-
-
-def _other_range(near: float, far: float, low: float, high: float) -> str:
+        return [f"translations are in other units than near and far: times {better[0]:g}, photos agree far better"]
+    low, high = np.percentile(seen.corner_depths, (2, 98))
     range_ = f"near {near:g} and far {far:g} are not where the cameras say that things are"
-    return f"{range_}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"
+    return [f"{range_}: photos agree about depths from {low:.3g} to {high:.3g}; --near and --far say so"]

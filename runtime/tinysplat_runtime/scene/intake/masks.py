@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 
 from ...errors import warn
+from ...system.printable import listed
 from ..images import is_transparent
 from ..masks import Mask
 from ..scenes import Scene
@@ -24,7 +25,6 @@ FOLDERS = ("masks", "mask")
 ENDS = (".mask", "_mask")
 """Ends of a name, before the ending, of a mask beside its photo."""
 
-_MOST_NAMED = 3
 _MOST_MASKS = 1 << 17  # that are looked at in a folder
 
 
@@ -53,10 +53,10 @@ def masks_of(photos: Sequence[Path], root: Path, named: Sequence[Mask | None] = 
     inside = (path for folder in folders for path in islice(sorted(folder.rglob("*")), _MOST_MASKS))
     there = [path for path in inside if is_photo(path.name)]
     if unfit := [path.name for path in there if path not in given]:
-        warn(f"{root}: {len(unfit)} of {len(there)} masks fit no photo and are not used ({_listed(unfit)})")
+        warn(f"{root}: {len(unfit)} of {len(there)} masks fit no photo and are not used ({listed(unfit)})")
     bare = [photo.name for photo, mask in zip(photos, masks, strict=True) if mask is None]
     if given and bare:
-        warn(f"{root}: {len(bare)} of {len(masks)} photos have no mask and count as they are ({_listed(bare)})")
+        warn(f"{root}: {len(bare)} of {len(masks)} photos have no mask and count as they are ({listed(bare)})")
     return masks
 
 
@@ -89,7 +89,3 @@ def _places(photo: Path, root: Path, folders: dict[Path, None]) -> Iterator[Path
         for tail in (PurePosixPath(*parts), PurePosixPath(*parts[1:])) if parts[1:] else (PurePosixPath(*parts),):
             yield find_photo(folder, f"{tail}.png")
             yield find_photo(folder, str(tail.with_suffix(".png")))
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")

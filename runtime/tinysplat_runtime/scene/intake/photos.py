@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from ...errors import InputError, warn
+from ...system.printable import listed
 from ..images import PHOTO_SUFFIXES, image_size
 from ..lenses import Lens
 
@@ -126,7 +127,7 @@ def present(photos: Sequence[Path], where: str) -> list[int]:
     if len(missing) == len(photos):
         return [*range(len(photos))]
     if missing:
-        names = ", ".join(photos[i].name for i in missing[:3]) + (", …" if len(missing) > 3 else "")
+        names = listed([photos[i].name for i in missing])
         warn(f"{where}: {len(missing)} of {len(photos)} photos are not there and left out ({names})")
     kept = sorted({*range(len(photos))}.difference(missing))
     used = {photos[i] for i in kept}

@@ -65,7 +65,11 @@ def load_track(file: Path, read: Callable[[Path], Track]) -> Scene:
         photos = _photos(file.parent, [camera.name for camera in cameras])
         if not any(is_there(photo) for photo in photos):
             raise InputError(f"none of its {len(photos)} photos ({photos[0].name}, …) is beside it or in images/")
-        frames = [_frame(cameras[i], photos[i]) for i in present(photos, str(file))]
+        frames = []
+        for i in present(photos, str(file)):
+            with within(cameras[i].name[:60]):
+                lens = lens_of_copy(cameras[i].lens(image_size(photos[i])), photos[i])
+                frames.append(Frame.through(lens, cameras[i].c2w, photos[i]))
     depths = depth_range_in_view(track.points, [frame.camera for frame in frames])
     return Scene(file.parent, even_sizes(frames), *depths)
 
@@ -83,11 +87,6 @@ def _photo(root: Path, name: str) -> Path:
     inside = path.parts if not path.anchor and ".." not in path.parts else ()
     relative = find_photo(root, "/".join(inside)) if inside else root
     return relative if is_there(relative) else find_photo(root, path.name)
-
-
-def _frame(camera: Tracked, photo: Path) -> Frame:
-    with within(camera.name[:60]):
-        return Frame.through(lens_of_copy(camera.lens(image_size(photo)), photo), camera.c2w, photo)
 
 
 def numbers(where: str, words: object, count: int) -> NDArray:
