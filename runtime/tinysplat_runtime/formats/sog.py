@@ -34,7 +34,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from ..scene.intake.fields import Fields
-from ..system.files import parsing, read_limited, write_atomically
+from ..system.files import is_plain_name, parsing, read_limited, stays_inside, write_atomically
 from ..system.jsonfields import JsonObject, parse_object
 from .assembly import Contents, PointCloud, WriteOptions, cut_degree_note, far_note, joined
 from .palette import codebook, nearest, palette
@@ -190,7 +190,7 @@ def _read_levels(path: Path, max_bytes: int) -> dict[str, NDArray]:
     meta = _document(read_limited(path, _MAX_LEVELS), LEVELS).values
     names, around = meta.get("filenames"), meta.get("environment")
     names = [*names, *([around] if around else [])] if isinstance(names, list) else []
-    if not names or not all(isinstance(name, str) and _is_within(name) for name in names):
+    if not names or not all(isinstance(name, str) and 0 < len(name) < 1000 and stays_inside(name) for name in names):
         raise InputError("expected names of SOG files within the folder", where=f"{LEVELS}: filenames")
     rows = _finest(meta.get("tree"), len(names))
     if around:
@@ -231,11 +231,6 @@ def _finest(tree: Any, files: int) -> dict[int, list[slice]]:
     if not rows:
         raise InputError("a tree without rows", where=LEVELS)
     return rows
-
-
-def _is_within(name: str) -> bool:
-    path = PurePosixPath(name)
-    return 0 < len(name) < 1000 and "\\" not in name and "\0" not in name and not path.anchor and ".." not in path.parts
 
 
 @contextmanager
@@ -342,17 +337,14 @@ def _picture(read: Callable[[str, int], bytes], entry: Fields, index: int, most:
     from PIL import Image
 
     files = entry.values.get("files")
-    if not isinstance(files, list) or index >= len(files) or not _is_plain_name(files[index]):
+    name = files[index] if isinstance(files, list) and index < len(files) else None
+    if not isinstance(name, str) or not is_plain_name(name):
         raise InputError(f"no plain name of picture {index}", where=entry.where)
-    data = read(files[index], 8 * most + (1 << 16))
+    data = read(name, 8 * most + (1 << 16))
     with parsing("WebP picture"), Image.open(io.BytesIO(data), formats=["WEBP"]) as image:
         if image.width * image.height > 2 * most + 4096 or max(image.size) > _MAX_SIDE:
-            raise InputError(f"{image.width}x{image.height} pixels, expected about {most}", where=files[index][:40])
+            raise InputError(f"{image.width}x{image.height} pixels, expected about {most}", where=name[:40])
         return np.asarray(image.convert("RGBA"), np.int64)
-
-
-def _is_plain_name(name: object) -> bool:
-    return isinstance(name, str) and 0 < len(name) < 200 and name == PurePosixPath(name).name and "\\" not in name
 
 
 def _document(data: bytes, name: str) -> Fields:

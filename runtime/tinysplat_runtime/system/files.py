@@ -10,7 +10,7 @@ import contextlib
 import os
 import re
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from ..errors import InputError
 
@@ -27,6 +27,11 @@ def is_plain_name(name: str) -> bool:
     if not name or name.startswith(".") or name[-1] in ". " or _NEVER_IN_A_NAME.search(name):
         return False
     return not _DEVICES.fullmatch(name) and len(name.encode()) <= _MAX_NAME_BYTES
+
+
+def stays_inside(name: str) -> bool:
+    """Whether a path leads to somewhere in the folder that it is relative to, on every system."""
+    return not any(path.anchor or ".." in path.parts for path in (PurePosixPath(name), PureWindowsPath(name)))
 
 
 def read_limited(path: StrPath, max_bytes: int) -> bytes:

@@ -18,11 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError, warn, within
+from ...system.files import stays_inside
 from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
 from .colmap_model import ModelPhoto, read_model
 from .depths import depth_range_in_view, observed_range
-from .photos import check_inside, find_folder, find_photo, is_there, lens_of_copy, present
+from .photos import find_folder, find_photo, is_there, lens_of_copy, present
 
 MODEL_FOLDERS = (
     "sparse", "sparse/*", "colmap/sparse", "colmap/sparse/*", "dense/sparse", "dense/*/sparse", "colmap",
@@ -82,7 +83,8 @@ def load_colmap(folder: Path) -> Scene:
     entries = sorted(found.photos, key=lambda photo: photo.name)
     with within(str(model)):
         for entry in entries:
-            check_inside(entry.name)
+            if not stays_inside(entry.name):
+                raise InputError(f"'{entry.name[:60]}' leaves the folder of the photos", where="images")
         photos = _photos(folder, model, [entry.name for entry in entries])
         frames = [_frame(photos[i], entries[i]) for i in present(photos, str(model))]
     w2c = np.stack([photo.w2c for photo in found.photos])  # (V, 3, 4)

@@ -6,12 +6,12 @@ Nothing here knows one layout: the modules beside this one say which fields they
 from __future__ import annotations
 
 import json
-from pathlib import PurePosixPath, PureWindowsPath
 from typing import Any
 
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...system.files import stays_inside
 from ...system.jsonfields import JsonObject, kind_of
 from ..cameras import MAX_DEPTH, finite_array
 
@@ -98,9 +98,8 @@ class Fields:
             raise InputError(f"{fault}, expected the name of a photo", where=where)
         if "://" in photo:
             raise InputError(f"'{photo[:60]}', a URL; expected a photo in the scene's folder: download it", where=where)
-        for path in (PurePosixPath(photo), PureWindowsPath(photo)):
-            if path.anchor or ".." in path.parts:
-                raise InputError(f"'{photo[:60]}' leaves the scene's folder, expected a path inside it", where=where)
+        if not stays_inside(photo):
+            raise InputError(f"'{photo[:60]}' leaves the scene's folder, expected a path inside it", where=where)
         longest = max(len(part.encode("utf-8", "surrogatepass")) for part in photo.split("/"))
         if longest > MAX_NAME_BYTES or len(photo) > MAX_PATH_LENGTH:
             fault = f"a path of {len(photo)} characters, its longest name of {longest} bytes"

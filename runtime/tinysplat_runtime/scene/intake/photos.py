@@ -13,9 +13,9 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 
-from ...errors import InputError, warn
+from ...errors import warn
 from ...system.printable import listed
 from ..images import PHOTO_SUFFIXES, image_size
 from ..lenses import Lens
@@ -137,10 +137,3 @@ def present(photos: Sequence[Path], where: str) -> list[int]:
         place = f"{folders[0].name}/" if len(folders) == 1 else f"{len(folders)} folders"
         warn(f"{where}: {len(used)} of {len(there)} photos in {place} have a camera; the others are not used")
     return kept
-
-
-def check_inside(name: str) -> None:
-    """InputError where a photo's name would leave its folder, on any system."""
-    for path in (PurePosixPath(name), PureWindowsPath(name)):
-        if path.anchor or ".." in path.parts:
-            raise InputError(f"'{name[:60]}' leaves the folder of the photos", where="images")
