@@ -24,6 +24,7 @@ from tinysplat.measure.show.tables import format_table
 from tinysplat.measure.subjects.captures import Capture
 from tinysplat.measure.subjects.room import FAR_M, NEAR_M, write_motorcycle, write_room
 from tinysplat_runtime.codec.job import EncodeStats
+from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.render.video import write_video
 from tinysplat_runtime.scene.pictures import write_png
@@ -80,11 +81,12 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
         write_png(out / f"{name}_view{view}.png", row)
     write_png(out / f"{name}_closer.png", closer(renderer, scene.cameras[0]))
     write_video(out / f"{name}.mp4", (renderer.render(c) for c in between(scene.cameras, 30)))
+    raw_bytes = sum(getattr(layer, field).nbytes for layer in gaussians.layers for field in FIELDS)
     return {
         "size": f"{width}x{height}",
         "profile": profile,
         "KB": f"{len(data) / 1000:.1f}",
-        "of raw": f"1/{gaussians.nbytes / len(data):.0f}",
+        "of raw": f"1/{raw_bytes / len(data):.0f}",
         "raw-photo dB": f"{np.mean(to_photo):.2f}",
         "decoded-raw dB": f"{np.mean(to_raw):.2f}",
         **{f"{stage} s": f"{seconds:.3f}" for stage, seconds in watch.seconds.items()},
