@@ -19,6 +19,9 @@ STEP, JUMP = 0.15, 0.6
 EDGE, FILL_EDGE = 12.0, 12.0
 """How fast the latter, and a neighbour's weight in filling, fall with a difference of colour."""
 
+CONTRAST_WINDOW, CONTRAST_FLOOR = 9, 0.03
+"""Of local contrast: side of its window, pixels, and what is added to the deviation there."""
+
 UNREACHABLE = 1e3
 """Cost beyond the first and the last candidate; costs proper are of the order of one."""
 
@@ -35,11 +38,11 @@ def box_minimum(images: Tensor, size: int) -> Tensor:
     return -functional.max_pool2d(-images, size, stride=1, padding=size // 2)
 
 
-def local_contrast(gray: Tensor, size: int, floor: float) -> Tensor:
-    """Gray values (N, 1, h, w) less their local mean, over their local standard deviation plus `floor`."""
-    mean = box_mean(gray, size)
-    variance = (box_mean(gray * gray, size) - mean * mean).clamp_min(0)
-    return (gray - mean) / (torch.sqrt(variance) + floor)
+def local_contrast(gray: Tensor) -> Tensor:
+    """Gray values (N, 1, h, w) less their local mean, over their local standard deviation plus `CONTRAST_FLOOR`."""
+    mean = box_mean(gray, CONTRAST_WINDOW)
+    variance = (box_mean(gray * gray, CONTRAST_WINDOW) - mean * mean).clamp_min(0)
+    return (gray - mean) / (torch.sqrt(variance) + CONTRAST_FLOOR)
 
 
 def path_costs(cost: Tensor, guide: Tensor) -> Tensor:

@@ -27,13 +27,11 @@ from .narrowing import narrowed
 from .pairs import ViewPairs
 from .surfels import RING, CoarseChanges, coarse_layer, pixel_layer, sharpened, splat_weights
 from .sweep import (
-    CONTRAST_WINDOW,
     FOOTPRINT,
     MAX_VIEWS,
     MIN_VIEWS,
     OUTPUT_NAMES,
     SHARPENING,
-    SURFACES,
     Comparison,
     InverseDepths,
     align_photos,
@@ -357,7 +355,7 @@ class Edge(nn.Module):
         colour, gain, finer_gain = torch.tanh(change[:, 3:]).split([3, 1, 1], dim=1)
         reach, finer_reach = SHARPENING_REACH
         with _without_gradient():
-            weights = splat_weights(depths.at(level), opacity, footprint, SURFACES)
+            weights = splat_weights(depths.at(level), opacity, footprint)
         first, second = SHARPENING
         colours = sharpened(images, weights, first + reach * gain, second + finer_reach * finer_gain)
         colours = colours + COLOUR_REACH * colour
@@ -391,7 +389,7 @@ class Edge(nn.Module):
         """Logits (V, D, h, w) over candidates: the analysis's, and what the refiner adds at quarter resolution."""
         quarter = functional.avg_pool2d(half, 2)
         gray = quarter.mean(dim=1, keepdim=True)
-        contrast = local_contrast(gray, CONTRAST_WINDOW, floor=0.03)
+        contrast = local_contrast(gray)
         agreement = functional.avg_pool2d(torch.cat([analysis.agreement, analysis.best_cost], dim=1), 2)
         raw = functional.avg_pool2d(analysis.relative_cost, 2)
         aggregated = functional.avg_pool2d(torch.exp(-LIKELIHOOD * analysis.paths), 2)
@@ -407,7 +405,7 @@ class Edge(nn.Module):
         index = (torch.round(last * level.detach()).long() + offsets).clamp(0, last)
         beside = (logits - logits.amax(dim=1, keepdim=True)).gather(1, index)
         raw = analysis.relative_cost.gather(1, index)
-        contrast = local_contrast(half.mean(dim=1, keepdim=True), CONTRAST_WINDOW, floor=0.03)
+        contrast = local_contrast(half.mean(dim=1, keepdim=True))
         relief = (last / 8 * (level - box_mean(level, 17))).clamp(-2, 2)
         maps = [half - 0.5, 0.5 * contrast, relief, analysis.agreement, analysis.best_cost, confidence]
         return torch.cat([torch.exp(0.5 * beside), raw, *maps], dim=1)

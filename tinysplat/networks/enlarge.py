@@ -15,7 +15,7 @@ from torch.nn import functional
 from .aggregation import box_mean
 from .geometry import inside_frame, pixel_rays, project_sweep, sample_bilinear, sweep_coefficients
 from .surfels import pixel_layer, sharpened, splat_weights
-from .sweep import DAMPING, LARGEST_STEP, OUTLIER, REACH, AlignmentSettings
+from .sweep import DAMPING, LARGEST_STEP, OUTLIER, REACH, SHARPENING, AlignmentSettings
 
 OUTPUT_NAMES = ("means", "quats", "scales", "opacities", "sh")
 
@@ -28,9 +28,6 @@ EDGE = 24.0
 
 ALIGNMENT = AlignmentSettings(steps=2)
 """Of depth to the photos; a candidate is a step that moves a pixel by one in the sources."""
-
-SHARPENING, SURFACES = (1.0, 1.0), 2.0
-"""As in `sweep`."""
 
 
 class Enlarge(nn.Module):
@@ -64,7 +61,7 @@ class Enlarge(nn.Module):
         )
         aligned = self._aligned(inverse_depth, photo, sources, terms, unit)
         inverse_depth = torch.maximum(torch.minimum(aligned, 2 * inverse_depth), 0.5 * inverse_depth)
-        weights = splat_weights(inverse_depth, opacity, footprint, SURFACES)
+        weights = splat_weights(inverse_depth, opacity, footprint)
         colours = sharpened(photo, weights, *SHARPENING) + change
         size = torch.tensor([[photo.shape[3]], [photo.shape[2]], [1]], dtype=K.dtype)
         return pixel_layer(colours, K / size, c2w, inverse_depth, opacity, footprint).arrays()

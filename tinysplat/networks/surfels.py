@@ -39,6 +39,9 @@ SLOPE_WINDOW = 25
 """Side in pixels of the box that slopes are averaged over: their noise shows in no picture, and costs bits."""
 
 
+SURFACES = 2.0
+"""How many surfaces lie in one another, from as many views, where one is drawn: each hides as much again."""
+
 EQUAL_DEPTH = 2e-4
 """Relative difference of inverse depth that rounding and coding decide: who is in front of whom is not known below."""
 
@@ -83,7 +86,7 @@ def surface_slopes(inverse_depth: Tensor, rays: Tensor, K: Tensor) -> Tensor:
     return (torch.cat([gradient_x, gradient_y], dim=1) / -facing).clamp(-MAX_SLOPE, MAX_SLOPE)
 
 
-def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | Tensor, surfaces: float) -> Tensor:
+def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | Tensor) -> Tensor:
     """The share of each of 3 × 3 Gaussians in the pixel between them, drawn from the photo's place, (V, 9, H, W).
 
     Gaussians hide one another in the order of their depths: on a slope the nearer ones lie before the others like
@@ -93,7 +96,6 @@ def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | T
         inverse_depth: (V, 1, H, W).
         opacities: (V, 1, H, W).
         footprint: standard deviation, pixels; one number or (V, 1, H, W).
-        surfaces: how many such surfaces lie in one another, from as many views: each hides as much again.
     """
     squared = footprint * footprint + DILATION + torch.zeros_like(opacities)
     distance = torch.tensor([2.0, 1, 2, 1, 0, 1, 2, 1, 2])[:, None, None]  # squared, of `neighbours`
@@ -105,7 +107,7 @@ def splat_weights(inverse_depth: Tensor, opacities: Tensor, footprint: float | T
         here = near[:, i : i + 1]
         before = ((near - here) / (EQUAL_DEPTH * here) + 0.5).clamp(0, 1)
         left.append((dimming * before).sum(dim=1, keepdim=True) - 0.5 * dimming[:, i : i + 1])
-    weights = alpha * torch.exp(surfaces * torch.cat(left, dim=1))
+    weights = alpha * torch.exp(SURFACES * torch.cat(left, dim=1))
     return weights / weights.sum(dim=1, keepdim=True).clamp_min(1e-6)
 
 

@@ -77,8 +77,8 @@ LEAST_WITNESS = 0.3
 COLOUR_LIMIT, CONTRAST_LIMIT = 0.12, 1.0
 """Where differences of colour and of local contrast are cut."""
 
-CONTRAST_WINDOW, WINDOW = 9, 3
-"""Sides of the window of local contrast, half-resolution pixels, and of the box that costs are averaged over."""
+WINDOW = 3
+"""Side of the box that costs are averaged over."""
 
 UNSEEN_COST, UNSEEN_AGREEMENT = 0.2, 0.3
 """Of a candidate, and before filling of a pixel, that no other view has in its frame."""
@@ -92,9 +92,6 @@ however near one goes."""
 
 SHARPENING = (1.0, 1.0)
 """Factors on what drawing takes from a photo, and on what it takes from that (`sharpened`)."""
-
-SURFACES = 2.0
-"""How many lie in one another (`splat_weights`)."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +143,7 @@ class Sweep(nn.Module):
         level = align_photos(double(level), images, Comparison.on(images, K, pairs, depths), settings.alignment)
         inverse_depth = depths.at(level)
         opacities = double(opacities)
-        weights = splat_weights(inverse_depth, opacities, FOOTPRINT, SURFACES)
+        weights = splat_weights(inverse_depth, opacities, FOOTPRINT)
         colours = sharpened(images, weights, *SHARPENING)
         surface = pixel_layer(colours, K, c2w, inverse_depth, opacities, FOOTPRINT)
         coarse = coarse_layer(images, K, c2w, inverse_depth, far, witnesses)
@@ -261,7 +258,7 @@ def matching_costs(half: Tensor, views: Comparison, settings: SweepSettings) -> 
     """
     features, pairs = half, views.pairs
     if settings.contrast_weight:
-        contrast = local_contrast(half.mean(dim=1, keepdim=True), CONTRAST_WINDOW, floor=0.03)
+        contrast = local_contrast(half.mean(dim=1, keepdim=True))
         features = torch.cat([half, contrast], dim=1)
     read, seen, _ = views.read(features, views.depths.candidates()[:, :, None, None])  # (P, 3 or 4, D, h, w)
     difference = (read - features[pairs.reference][:, :, None]).abs()
