@@ -145,6 +145,7 @@ class Runtime:
         Returns:
             Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
             look better from the Gaussians of the other photos. Of more than six, some judge and correct nothing before.
+            Views whose photos the others contradict are left out (`stats.left_out`).
 
         Raises:
             InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.
@@ -154,7 +155,10 @@ class Runtime:
         from .recipe.words import Refinement
 
         coding = Coding(profile=profile, qp=qp)
-        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
+        agreed, out = stages.agreeing(gaussians, scene, self, self.told)
+        if stats is not None:
+            stats.left_out = out
+        return stages.refine(agreed, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
 
     def compress(
         self,

@@ -21,6 +21,8 @@ CODED: Steps = [("planning", 2), ("coding planes", 9)]
 
 LISTED: Steps = [("looking at views", 8), ("pruning", 12), ("correcting", 13), ("ranking", 6), ("coding", 6)]
 
+AGREED: Steps = [("comparing neighbours", 3)]
+
 LOOKED, REFINED, TRAINED = 4.0, 4.0, 2.2
 """Of looking at photos before refinement; of a step of it; of a step of training, times photos."""
 
@@ -45,7 +47,8 @@ def ahead(way: Way, request: EncodeRequest, photos: int, budget: Refinement | No
         from .contest import STEPS  # needs numba
 
         choosing = [*refined(None), *_trained(photos, STEPS)]
-    return [*CHECKS, *way.steps, *choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
+    agreed = AGREED if budget else []
+    return [*CHECKS, *way.steps, *agreed, *choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
 
 
 def from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:

@@ -1,23 +1,27 @@
 """A capture as views or as one list: photos that neither has seen say which shows them better.
 
 A few photos are held back, with the Gaussians of their pixels; both are made of the others, a list in fewer steps than
-one that is kept, and then show them. Both begin from the depths that the network found with all photos.
+one that is kept, and then show them. Each photo is compared with a picture as bright as it is, so that how it was
+exposed decides nothing. Both begin from the depths that the network found with all photos.
 Needs numba (`tinysplat[fast]`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codec.modes import DEFAULT_MODE, LIST
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..refine.descent import units
+from ..refine.exposed import log_gain
 from ..refine.free import FreeGaussians
-from ..render.gradient import MovableGaussians, PhotoError
+from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
 from ..sparse.pictures import photos_of
 from ..sparse.train import trained
@@ -41,7 +45,7 @@ has fewer steps here than it will have."""
 
 @dataclass(frozen=True)
 class Shown:
-    """How photos that were held back are shown: mean and worst dB, mean SSIM."""
+    """How photos that were held back are shown, by pictures as bright as they are: mean and worst dB, mean SSIM."""
 
     psnr: float
     worst: float
@@ -102,9 +106,21 @@ def contest(gaussians: Gaussians, scene: Scene, request: EncodeRequest, tools: T
     others = [view for view in range(len(photos)) if view not in held]
     apart, sought = select_views(gaussians, others), [photos[view] for view in held]
     refined = MovableGaussians(refine(apart, scene, None, request, tools, told=told), run_jobs)
-    views = [refined.measure(photo, shares=refined.shares(photo.camera)) for photo in sought]
+    views = []
+    for photo in sought:
+        shares, shown = refined.shares(photo.camera), np.zeros((*photo.photo.shape[:2], 4), np.float32)
+        refined.measure(photo, shares=shares, shown=shown)
+        views.append(refined.measure(_as_bright(photo, shown), shares=shares))
     made = trained(
         apart, [photos[view] for view in others], count=request.at_most, steps=STEPS, threads=tools.threads, told=told
     )
     one = FreeGaussians(made, units(made, made.viewpoints), run_jobs)
-    return Contest(Shown.of(views), Shown.of([one.measure(photo) for photo in sought]))
+    return Contest(
+        Shown.of(views), Shown.of([one.measure(_as_bright(photo, one.draw(photo.camera))) for photo in sought])
+    )
+
+
+def _as_bright(photo: Target, shown: NDArray) -> Target:
+    """A photo whose picture, (H, W, 4) before its gain, is held against it with the gain that fits best."""
+    known = np.isfinite(photo.photo)
+    return replace(photo, gain=math.exp(log_gain(shown[..., :3][known], photo.photo[known])))

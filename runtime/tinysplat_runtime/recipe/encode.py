@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..codec.job import EncodeStats, PhotoScene
@@ -14,9 +15,11 @@ from ..graphs.ways import Way
 from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
+from ..system import printable
+from ..system.files import StrPath
 from ..system.told import NOBODY, Told
 from .request import Coding, CompressRequest, EncodeRequest
-from .stages import Pruning, Tools, code, code_photos, refine, sparse
+from .stages import Pruning, Tools, agreeing, code, code_photos, refine, sparse
 from .words import Refinement
 
 LIST_QP = -6.0
@@ -118,7 +121,7 @@ class _Made:
 def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
     """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
     from .ahead import ahead, from_gaussians
-    from .prepare import ALL_VIEWS, expected_bytes, prepared
+    from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
     from .refinement import chosen
 
     scene, is_whole = prepared(request, told), request.mode == PHOTOS
@@ -129,6 +132,12 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     photos = len(scene.frames)
     told.plan(ahead(way, request, photos, refinement, is_coded=is_coded))
     gaussians, doubted = _predicted(request, scene, way, told, stats)
+    if refinement:
+        with stats.watch.stage("agree"):
+            gaussians, out = agreeing(gaussians, scene, tools, told)
+        if out:
+            _say_left_out([name_of(scene.frames[view]) for view in out], told, scene.path)
+            scene = scene.views([view for view in range(len(scene.frames)) if view not in out])
     if request.mode == EITHER:
         from .contest import contest
 
@@ -147,6 +156,10 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     if refinement and refined:
         gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
     return _Made(gaussians, request, scene, doubted, refined)
+
+
+def _say_left_out(names: Sequence[str], told: Told, path: StrPath) -> None:
+    told.say("doubt", f"left out {printable.listed(names)}: the other photos contradict what it shows", path)
 
 
 def _predicted(
@@ -179,7 +192,7 @@ def compress(
     Raises:
         FormatError, InputError, NumericError: see `Runtime.compress`.
     """
-    from .ahead import coded, refined
+    from .ahead import AGREED, coded, refined
 
     stats, refinement = stats or EncodeStats(), RefineStats()
     gaussians = request.gaussians
@@ -188,7 +201,11 @@ def compress(
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
-        told.plan([*refined(request.refine), *coded(gaussians)])
+        told.plan([*AGREED, *refined(request.refine), *coded(gaussians)])
+        with stats.watch.stage("agree"):
+            gaussians, out = agreeing(gaussians, scene, tools, told)
+        if out:
+            _say_left_out([f"view {view}" for view in out], told, scene.path)
         gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
     told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)

@@ -73,7 +73,7 @@ def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
         fault = f"{photos} photos, a file has at most {MAX_VIEWS} views; --views auto:{MAX_VIEWS} chooses so many"
         raise InputError(fault, where=str(scene.path))
     spacing = Spacing.of(chosen.cameras, *chosen.depth_range())
-    apart = spacing.said([_name(frame) for frame in chosen.frames])
+    apart = spacing.said([name_of(frame) for frame in chosen.frames])
     if photos in ALL_VIEWS:
         if not spacing.is_good:
             told.say("notice", apart, scene.path)
@@ -173,7 +173,8 @@ def _once(scene: Scene, told: Told) -> Scene:
     return scene.views(kept)
 
 
-def _name(frame: Frame) -> str:
+def name_of(frame: Frame) -> str:
+    """What people know a photo by."""
     return frame.path.name if frame.video is None else f"frame {frame.index}"
 
 
@@ -318,7 +319,7 @@ def _masked(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
         fault = f"masks leave nothing of {len(nothing)} of {len(scene.frames)} photos"
         raise InputError(f"{fault}: black is left out, white is kept; --no-masks ignores them", where=str(scene.path))
     if nothing:
-        names = listed([_name(scene.frames[v]) for v in nothing])
+        names = listed([name_of(scene.frames[v]) for v in nothing])
         told.say("notice", f"left out {names}: their masks leave nothing of them", scene.path)
     for meaning, words in ((MOVING, "what moves"), (BACKGROUND, "background, where nothing is")):
         shares = [out[v] for v in kept if v in out and scene.frames[v].is_on_background == (meaning == BACKGROUND)]

@@ -23,6 +23,7 @@ from ..container.limits import Limits
 from ..container.list import List
 from ..container.planes import Planes
 from ..errors import InputError, warn
+from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..render import Renderer
@@ -63,6 +64,34 @@ class Tools(Protocol):
     limits: Limits
 
 
+def agreeing(
+    gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBODY
+) -> tuple[Gaussians, tuple[int, ...]]:
+    """The Gaussians of those views whose photos the others do not contradict, and which views are left out; see
+    `refine.strangers`.
+
+    Args:
+        gaussians: per pixel, of two views or more.
+        scene: with their photos, found by the poses of their cameras.
+        tools: to do it with.
+        told: is told of each photo.
+
+    Raises:
+        InputError: photos that do not fit the Gaussians, or numba is missing.
+    """
+    try:
+        from ..refine.strangers import strangers
+        from ..render.gradient import MovableGaussians
+        from ..sparse.pictures import photos_of
+    except ImportError as error:
+        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
+    photos = photos_of(gaussians, scene)
+    out = strangers(MovableGaussians(gaussians, Crew(tools.threads).map), photos, told)
+    if not out:
+        return gaussians, out
+    return select_views(gaussians, [view for view in range(len(gaussians.cameras)) if view not in out]), out
+
+
 def refine(
     gaussians: Gaussians,
     scene: Scene,
@@ -97,7 +126,7 @@ def sparse(
     found = trained(
         gaussians, targets, count=count, steps=steps, seconds=seconds, threads=tools.threads, stats=stats, told=told
     )
-    told.say("doubt" if stats.is_cut_short or stats.left_out else "notice", stats.text)
+    told.say("doubt" if stats.is_cut_short else "notice", stats.text)
     return found
 
 

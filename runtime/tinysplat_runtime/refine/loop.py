@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0
 from ..render import between
 from ..render.gradient import Grid, MovableGaussians, PhotoError, Target
-from ..render.kernels_list import TILE_HEIGHT, TILE_WIDTH
 from ..render.kernels_place import LOG_DEPTH, SH_RED, VALUES
 from ..render.near import Shares
 from ..scene.cameras import Camera
@@ -22,6 +21,7 @@ from ..system import disk
 from ..system.decibels import decibels
 from ..system.evenly import evenly
 from . import kernels
+from .photos import COVERED, in_parts
 from .price import PlanePrice
 from .schedule import Turn, held_back, order, turn
 from .settings import LIMITS, Settings
@@ -31,12 +31,6 @@ NEIGHBOURS = 2
 
 JUDGED = 8
 """Photos, spread over all, that a state is judged by: what steps cost stays most of the time."""
-
-JUDGED_PIXELS = 256 * 256
-"""Of a photo, about, by which a state is judged: tiles spread over larger ones."""
-
-COVERED = 0.4
-"""A pixel is covered where no more than this transmittance is left."""
 
 
 class Look(NamedTuple):
@@ -173,7 +167,7 @@ class Loop:
             target = self._exposed(view, self._covered[view])
             return self.field.measure(target, shares=self.field.shares(target.camera, (view,)))
         target = self._sizes[0][view]
-        target = replace(target, photo=_in_parts(target.photo, view))
+        target = replace(target, photo=in_parts(target.photo, view))
         shown, shares = np.zeros((*target.photo.shape[:2], 4), np.float32), self.field.shares(target.camera, (view,))
         error = self.field.measure(self._exposed(view, target), shares=shares, shown=shown, most_left=COVERED)
         photo = np.where(shown[..., 3:] > COVERED, np.float32(np.nan), target.photo)
@@ -237,11 +231,3 @@ def _with(target: Target, exposure: NDArray) -> Target:
 def _corrects(view: int, shares: Shares, grid: Grid) -> bool:
     """Whether a photo, drawn with these shares, corrects Gaussians of a grid."""
     return shares.whole[grid.view] > 0 and (shares.has_front or grid.view != view)
-
-
-def _in_parts(photo: NDArray, first: int) -> NDArray:
-    """A photo (H, W, 3), NaN but for tiles of about `JUDGED_PIXELS` together, spread over it; `first` moves them."""
-    rows, columns = np.arange(photo.shape[0]) // TILE_HEIGHT, np.arange(photo.shape[1]) // TILE_WIDTH
-    every = max(photo[..., 0].size // JUDGED_PIXELS, 1)
-    is_judged = (rows[:, None] + 2 * columns + first) % every == 0
-    return np.where(is_judged[..., None], photo, np.float32(np.nan))

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..render.gradient import Target
+from ..render.kernels_list import TILE_HEIGHT, TILE_WIDTH
 from ..scene.cameras import Camera
 from ..scene.matching import SAME_PLACE, reach_of, taken_as
 from ..scene.scenes import Frame, Scene
@@ -23,6 +25,12 @@ SAME_PIXEL = 0.5
 NOTHING = 0.0
 """Colour of a photo's pixels where a mask says that nothing is, so that Gaussians of other photos fade that show there.
 Where something moved, nobody judges them."""
+
+JUDGED_PIXELS = 256 * 256
+"""Of a photo, about, by which Gaussians are judged: tiles spread over larger ones."""
+
+COVERED = 0.4
+"""A pixel is covered where no more than this transmittance is left."""
 
 CLOSER = 2
 """Photos this many times as large are looked at too, where they are at hand: a scene is then good from closer."""
@@ -74,6 +82,14 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
         larger = [frame.resized(CLOSER * height, CLOSER * width) for frame in scene.frames]
         sizes.append(_targets([frame.camera for frame in larger], larger))
     return sizes
+
+
+def in_parts(photo: NDArray, first: int) -> NDArray:
+    """A photo (H, W, 3), NaN but for tiles of about `JUDGED_PIXELS` together, spread over it; `first` moves them."""
+    rows, columns = np.arange(photo.shape[0]) // TILE_HEIGHT, np.arange(photo.shape[1]) // TILE_WIDTH
+    every = max(photo[..., 0].size // JUDGED_PIXELS, 1)
+    is_judged = (rows[:, None] + 2 * columns + first) % every == 0
+    return np.where(is_judged[..., None], photo, np.float32(np.nan))
 
 
 def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from ..codec.profiles import Profile
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..render.gradient import MovableGaussians, PhotoError, Target
+from ..render.gradient import MovableGaussians
 from ..scene.scenes import Scene
 from ..system import disk
 from ..system.decibels import decibels
 from ..system.told import NOBODY, Told
 from .coarse import bring_up, halved, halved_picture, lacking_alike
+from .exposed import exposure_of
 from .loop import Look, Loop
 from .photos import matched, sizes_of
 from .price import plane_prices
@@ -34,13 +35,6 @@ MAX_STEPS = 10_000
 
 FIRST = {"step": 4.0, "small step": 1.5}
 """What a first step may be expected to cost, in drawings of all photos."""
-
-SAME_PICTURE = 0.25
-"""Least share of a photo's variance, after gain and offset, that the Gaussians' picture has to explain at the start:
-0.6 to 0.99 for photos they were made of, about 0 for photos of another scene."""
-
-OTHER_EXPOSURE, MOST_EXPOSURE = 0.3, 1.5
-"""Natural logarithms of a photo's contrast over its picture's, between which it may be exposed otherwise."""
 
 MENDED = 0.5
 """Share of its squared error that its own exposure may leave for that to be believed."""
@@ -112,18 +106,14 @@ class Refining:
             shares = moving.shares(target.camera)
             errors.append(moving.measure(target, shares=shares, shown=shown))
             half[:] = halved_picture(shown[..., :3])
-            gain, offset = _exposure(target.photo, shown[..., :3])
+            gain, offset = exposure_of(target.photo, shown[..., :3])
             if gain != 1:
                 exposed = moving.measure(replace(target, gain=gain, offset=offset), shares=shares)
                 if exposed.squared < MENDED * errors[-1].squared:
                     errors[-1], exposure[:] = exposed, (gain, offset)
         seconds = time.perf_counter() - begun
-        if (view := _other(errors, self._sizes[0])) is not None:
-            self.stats.reason = f"photo {view} shows something else than they do"
-            self._loop = None
-            return
         prices = self._prices(gaussians, moving)
-        self._loop = Loop(moving, self._sizes, prices, self._settings, run_jobs, self._exposures)
+        self._loop: Loop | None = Loop(moving, self._sizes, prices, self._settings, run_jobs, self._exposures)
         self._seconds["judging"] = seconds / len(errors) * len(self._loop.judged)
         self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
@@ -281,30 +271,6 @@ class _Smaller:
 
     loop: Loop
     start: NDArray
-
-
-def _exposure(photo: NDArray, picture: NDArray) -> tuple[float, float]:
-    """Gain and offset that give a picture (H, W, 3) a photo's mean and contrast, where that is far from its own; else
-    1 and 0: what is nearer is found in steps.
-    """
-    known = np.isfinite(photo[..., 0])
-    wanted, shown = photo[known], picture[known]
-    if not known.any():
-        return 1.0, 0.0
-    gain = float(wanted.std(dtype=np.float64) / (shown.std(dtype=np.float64) + 1e-6))
-    if not OTHER_EXPOSURE < abs(math.log(gain + 1e-6)) < MOST_EXPOSURE:
-        return 1.0, 0.0
-    return gain, float(wanted.mean(dtype=np.float64) - gain * shown.mean(dtype=np.float64))
-
-
-def _other(errors: Sequence[PhotoError], targets: Sequence[Target]) -> int | None:
-    """The first photo that shows something else than the Gaussians; None where all show them."""
-    for view, (error, target) in enumerate(zip(errors, targets, strict=True)):
-        colours = target.photo[np.isfinite(target.photo[..., 0])]
-        variance = float(((colours - colours.mean(axis=0)) ** 2).sum())
-        if 1 - error.squared / (variance + 1e-9) < SAME_PICTURE:
-            return view
-    return None
 
 
 def _limit(steps: int | None, seconds: float | None, views: int) -> int:

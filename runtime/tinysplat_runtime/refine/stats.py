@@ -17,6 +17,7 @@ class RefineStats:
             those of the others.
         before, after: dB of the photos at the start and at the end, drawn from all Gaussians; of those held back, what
             was looked at.
+        left_out: views of what was given whose photos the others contradict.
         reason: why the start is returned; empty where it is not.
     """
 
@@ -26,6 +27,7 @@ class RefineStats:
     looks: list[tuple[int, float, float]] = field(default_factory=list)
     before: float = float("nan")
     after: float = float("nan")
+    left_out: tuple[int, ...] = ()
     reason: str = ""
 
     @property

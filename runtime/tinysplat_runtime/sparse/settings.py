@@ -21,7 +21,6 @@ class Settings:
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
-        judged: share of the way from which on photos that the others contradict are left out.
         looks: how often some are added and those that show nothing go.
         texture: what a photo's smoothed contrast of grey counts where Gaussians are drawn, beside 1.
         larger: how much larger than their distance Gaussians begin.
@@ -41,7 +40,6 @@ class Settings:
     half: float = 0.3
     start: float = 0.8
     grown: float = 0.6
-    judged: float = 0.3
     looks: int = 10
     texture: float = 10.0
     larger: float = 1.5

@@ -20,18 +20,15 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians, joined
 from ..refine.coarse import halved_target
 from ..refine.descent import Descent, units
+from ..refine.exposed import log_gain
 from ..refine.free import FreeGaussians
 from ..render import DEFINITION, Renderer
 from ..render.gradient import Target
 from ..scene.cameras import Camera
-from ..system.decibels import decibels
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
 from . import DEFAULT_GAUSSIANS, DEFAULT_SECONDS, start, usual_steps
 from .settings import Settings
-
-STRANGE, STRANGER = 7.0, 16.0
-"""A photo so many dB below the median, and below so many, is left out."""
 
 COSTS = {4: 1.0, 2: 1.5, 1: 3.0}
 """Of steps on photos so many times smaller, against each other."""
@@ -47,7 +44,6 @@ class TrainStats:
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
         psnr: dB of each photo at the end, as it was exposed.
         gains: of the photos.
-        left_out: photos that the others contradict, from which on nothing was learnt.
     """
 
     given: int = 0
@@ -57,7 +53,6 @@ class TrainStats:
     rounds: list[list[float]] = field(default_factory=list)
     psnr: tuple[float, ...] = ()
     gains: tuple[float, ...] = ()
-    left_out: tuple[int, ...] = ()
 
     def note(self) -> str:
         """How things stand, in few words."""
@@ -74,9 +69,7 @@ class TrainStats:
         """In a line."""
         found = f"{self.given:,} Gaussians made {self.kept:,} in {self.steps} steps"
         bound = f" of {self.planned}, as there were no more seconds" if self.is_cut_short else ""
-        out = f"; left out {', '.join(map(str, self.left_out))}, which the others contradict" if self.left_out else ""
-        own = np.mean([psnr for view, psnr in enumerate(self.psnr) if view not in self.left_out])
-        return f"{found}{bound}: {own:.1f} dB at the pictures they were corrected by{out}"
+        return f"{found}{bound}: {np.mean(self.psnr):.1f} dB at the pictures they were corrected by"
 
 
 def trained(
@@ -166,7 +159,7 @@ class _Training:
         halves = [halved_target(target) for target in targets]
         quarters = [halved_target(half) for half in halves]
         self._sizes = {4: quarters, 2: halves, 1: list(targets)}
-        self._gains, self._out = np.ones(len(targets)), frozenset[int]()
+        self._gains = np.ones(len(targets))
         self._rng = np.random.default_rng(0)
         begun = start.first(
             capture,
@@ -192,7 +185,7 @@ class _Training:
                 self._look(way)
                 looks += 1
             if not turns:
-                turns = [view for view in self._rng.permutation(len(self._gains)).tolist() if view not in self._out]
+                turns = self._rng.permutation(len(self._gains)).tolist()
                 stats.rounds.append([])
                 steps = max(budget.left(stats.steps), 1) if stats.steps else steps
             stats.rounds[-1].append(self._step(turns.pop(), way))
@@ -205,7 +198,7 @@ class _Training:
         gaussians, stats = self._descent.field.gaussians(), self._stats
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
         stats.kept, stats.psnr = gaussians.count, tuple(error.psnr for error in errors)
-        stats.gains, stats.left_out = tuple(self._gains.tolist()), tuple(sorted(self._out))
+        stats.gains = tuple(self._gains.tolist())
         return replace(gaussians, viewpoints=self._capture.cameras)
 
     def _step(self, view: int, way: float) -> float:
@@ -227,7 +220,7 @@ class _Training:
         if way > settings.grown + 1e-9:
             return
         gaussians = field.gaussians()
-        wrong = self._seen(gaussians, way)
+        wrong = self._seen(gaussians)
         share = settings.start + (1 - settings.start) * min(way / settings.grown, 1)
         lacking = round(self._count * share) - field.count
         if lacking <= 0:
@@ -243,26 +236,23 @@ class _Training:
         )
         self._descent.add(self._field(new.changed(**joined([gaussians, new]))))
 
-    def _seen(self, gaussians: Gaussians, way: float) -> list[NDArray]:
-        """Draw every photo once, to see how each was exposed and which do not belong.
+    def _seen(self, gaussians: Gaussians) -> list[NDArray]:
+        """Draw every photo once, to see how each was exposed.
 
         Returns:
-            By view, (H, W) |error|, smoothed; 0 where a photo knows nothing, or where nothing is learnt from it.
+            By view, (H, W) |error|, smoothed; 0 where a photo knows nothing.
         """
         draw = Renderer(gaussians, self._threads, **DEFINITION).render
-        logs, squared, wrong = list[float](), list[float](), list[NDArray]()
+        logs, wrong = list[float](), list[NDArray]()
         for view in range(len(self._gains)):
             target = self._exposed(view, 1)
             picture = draw(target.camera)
             known = np.isfinite(target.photo)
             error = np.where(known, np.float32(target.gain) * picture - target.photo, np.float32(0))
-            logs.append(_log_gain(picture[known], target.photo[known]))
-            squared.append(float(np.square(error).sum(dtype=np.float64)) / max(int(known.sum()), 1))
+            logs.append(log_gain(picture[known], target.photo[known]))
             wrong.append(start.smoothed(np.abs(error).sum(axis=-1)))
         self._gains = _gains(np.array(logs), self._settings.exposure)
-        if way >= self._settings.judged:
-            self._out = _strangers([decibels(one) for one in squared])
-        return [np.zeros_like(plane) if view in self._out else plane for view, plane in enumerate(wrong)]
+        return wrong
 
     def _drop(self) -> None:
         keep = self._descent.field.opacities >= self._settings.faded
@@ -275,18 +265,6 @@ class _Training:
     @property
     def _cameras(self) -> Sequence[Camera]:
         return [target.camera for target in self._sizes[1]]
-
-
-def _strangers(psnr: Sequence[float]) -> frozenset[int]:
-    """Photos that a scene which the others agree on does not show: of another place, or with another's camera."""
-    usual = float(np.median(psnr))
-    return frozenset(view for view, own in enumerate(psnr) if own < min(usual - STRANGE, STRANGER))
-
-
-def _log_gain(picture: NDArray, photo: NDArray) -> float:
-    """By how much pixels (n,) of a photo are brighter than their picture's, by least squares; a tenth to ten times."""
-    seen, wanted = picture.astype(np.float64), photo.astype(np.float64)
-    return math.log(min(max(float(seen @ wanted) / max(float(seen @ seen), 1e-9), 0.1), 10.0))
 
 
 def _gains(logs: NDArray, certain: float) -> NDArray:
