@@ -25,21 +25,22 @@ def job_of(scene: Gaussians, profile: str, plane_coder: PlaneCoder | None = None
 
 def test_of_a_capture_a_few_views_are_held() -> None:
     """Of their planes 60 bytes a pixel; what remains is a byte for each 16, and lists of pictures."""
-    plane = encode_plane(np.full((512, 256), 2048, np.uint16), 20, PROFILES["balanced"].encoder)
+    height, width = 384, 160
+    plane = encode_plane(np.full((height, width), 2048, np.uint16), 20, PROFILES["balanced"].encoder)
     peaks = []
-    for views in (9, 9, 18):  # the first loads what both need
-        scene = make_smooth_gaussians(views, 512, 256, degree=0)
+    for views in (7, 7, 14):  # the first loads what both need
+        scene = make_smooth_gaussians(views, height, width, degree=0)
         tracemalloc.start()
         try:
             SceneEncoder(job_of(scene, "balanced", lambda *_: plane)).encode(0)
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
-    assert peaks[2] - peaks[1] < 12 * 9 * 512 * 256
+    assert peaks[2] - peaks[1] < 12 * 7 * height * width
 
 
 def test_bytes_do_not_depend_on_where_arrays_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, files = make_smooth_gaussians(9, 512, 256), []
+    scene, files = make_smooth_gaussians(9, 256, 160), []  # of which arrays exceed `LEAST_BYTES`
     for folder in (tmp_path, tmp_path / "missing"):  # without it, all lies in memory
         monkeypatch.setenv("TMPDIR", str(folder))
         files.append(SceneEncoder(job_of(scene, "fast")).encode(0))

@@ -90,6 +90,18 @@ def test_a_capture_is_held_against_some_of_its_photos() -> None:
     assert own_psnr(lambda _: gaussians, seen[::-1], pictures, None) < 60
 
 
+def test_of_a_large_photo_the_middle_band_is_compared() -> None:
+    gaussians, (height, width) = make_gaussians(1, 24, 72), (720, 2048)
+    camera = gaussians.cameras[0].resized(height, width)
+    picture = ts.render(gaussians, camera)
+    band = slice(*((height + by * (1 << 20) // width) // 2 for by in (-1, 1)))
+    noise = np.random.default_rng(0).normal(0, 0.05, (band.stop - band.start, width, 3)).astype(np.float32)
+    photo = np.zeros_like(picture)
+    photo[band] = picture[band].clip(0.2, 0.8) + noise  # nothing is like it above and below
+    wanted = -10 * np.log10(np.mean((picture[band].clip(0, 1) - photo[band]) ** 2))
+    assert own_psnr(lambda _: gaussians, [camera], photo[None], 1) == pytest.approx(wanted, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("asked", "wanted"),
     [({}, Refinement()), ({"refine": "no"}, None), ({"refine": 3}, Refinement(3)), ({"mode": "photos"}, None)],
