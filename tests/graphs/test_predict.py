@@ -158,7 +158,7 @@ def test_a_pure_rotation_is_not_an_identical_pose():
     first = row_of_cameras(2, 16, 24)[0]
     turned = np.array(first.c2w)
     turned[:3, :3] = turned[:3, :3] @ [[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]]
-    run_plane(grey(), (first, Camera(first.K, turned, 24, 16)))
+    assert run_plane(grey(), (first, Camera(first.K, turned, 24, 16))).opacities.shape == (2, 16, 24)
 
 
 @pytest.mark.parametrize("name", ["means", "layer1_scales", "layer1_K"])
