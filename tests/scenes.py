@@ -317,7 +317,9 @@ def refused(call: Callable[..., Any], path: Path, *rest: Any, **options: Any) ->
 
 
 class Heard(Told):
-    """Keeps what it is told: kinds and lines, and how many items of each step passed."""
+    """Keeps what it is told: kinds and lines, how many items of each step passed, the steps that no other holds, one
+    after the other, and those that were planned.
+    """
 
     listens = True
 
@@ -325,15 +327,26 @@ class Heard(Told):
         self.kinds: list[str] = []
         self.lines: list[str] = []
         self.passed = Counter[str]()
+        self.steps: list[str] = []
+        self.planned: list[str] = []
+        self._within = 0
+
+    def plan(self, stages: Iterable[tuple[str, float]]) -> None:
+        self.planned = [label for label, _ in stages]
+        self.steps.clear()
 
     def say(self, kind: Kind, text: str, where: object = "") -> None:
         self.kinds.append(kind)
+        self.steps += [text] * (kind == "step" and text not in self.steps[-1:])
         self.lines += [f"{where}: {text}" if where else text] * (kind != "step")
 
     def progress(self, label: str, items: Iterable[Any], *rest: object, **more: object) -> Iterator[Any]:
+        self.steps += [label] * (not self._within and label not in self.steps[-1:])
+        self._within += 1
         for item in items:
             self.passed[label] += 1
             yield item
+        self._within -= 1
 
 
 def tells(message: str, words: str) -> bool:

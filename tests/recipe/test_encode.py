@@ -115,6 +115,20 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
 
 
+@pytest.mark.parametrize("mode", ["gaussians", "list"])
+def test_a_run_takes_the_steps_that_it_planned(many: Path, mode: str) -> None:
+    """Seconds left of the whole run are right as long as it does."""
+    pytest.importorskip("numba")
+    heard = Heard()
+    sizes = {"size": (48, 64), "near": 2, "far": 9, "refine": 20 if mode == "list" else 2}
+    encode(EncodeRequest(many, mode=mode, **sizes), RUNTIME, heard)
+    *planned, compared = heard.planned
+    assert compared == "comparing photos"  # which is the command's
+    assert [step for step in heard.steps if step not in ("measuring", *planned)] == []
+    assert [step for step in planned if step in heard.steps] == [step for step in heard.steps if step != "measuring"]
+    assert set(planned) - set(heard.steps) <= ({"ranking", "correcting"} if mode == "list" else set())
+
+
 def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> None:
     scene = ts.load_scene(many)
     for call, named in (
