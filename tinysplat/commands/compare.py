@@ -24,6 +24,9 @@ from tinysplat_runtime.system.voice import Voice
 HELP = "two results side by side, with maps of their error"
 NEEDS = ("matplotlib", "PIL")
 
+STEPS = [("drawing", 6.0), ("writing sheets", 3.0), ("measuring", 2.0)]
+"""And what each is likely to take against the others."""
+
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 GAUSSIAN_SUFFIXES = (SUFFIX, *endings(written=False))
 
@@ -45,7 +48,7 @@ def configure(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     """Write the sheet and `comparison.json`, print the figures."""
     voice = Voice(args.quiet)
-    voice.plan([("drawing", 6), ("writing sheets", 3), ("measuring", 2)])
+    voice.plan(STEPS)
     sheet = _sheet(Path(args.a), Path(args.b), args.cameras, args.size, voice)
     folder = Path(args.output)
     if folder.exists() and not folder.is_dir():

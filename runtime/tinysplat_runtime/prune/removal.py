@@ -141,7 +141,8 @@ class Remover:
         self._tellers = self._kept(telling) if telling else self._judges
         every = range(len(cameras))
         self._halves = (every[0::2], every[1::2] or every)
-        self._costs = np.stack([self._look(gaussians, half, told).costs for half in self._halves], axis=1)
+        with told.counting("looking at views", len(cameras)) as another:
+            self._costs = np.stack([self._look(gaussians, half, another).costs for half in self._halves], axis=1)
         self._first, self._sh = self._costs.sum(axis=1), disk.zeros(gaussians.sh.shape)
         self._sh[:] = gaussians.sh
         self._present, self._prices = np.arange(len(self._first)), np.full(len(self._first), np.inf)
@@ -252,15 +253,15 @@ class Remover:
         pictures.keep(self._all)
         return pictures
 
-    def _look(self, gaussians: Gaussians, views: Sequence[int], told: Told = NOBODY) -> _Seen:
+    def _look(self, gaussians: Gaussians, views: Sequence[int], another: Callable[[], object] = object) -> _Seen:
         shape = gaussians.opacities.size, len(views) if gaussians.degree else 1
         seen = _Seen(np.zeros(shape[0]), np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32))
-        each = self._pictures.measure(gaussians, views)
-        for number, sums in enumerate(told.progress("looking at views", each, total=len(views))):
+        for number, sums in enumerate(self._pictures.measure(gaussians, views)):
             column = min(number, shape[1] - 1)
             seen.costs[:] += sums[:, kernels.COST]
             seen.weights[:, column] += sums[:, kernels.BOUND]
             seen.lacks[:, column] += sums[:, kernels.LACK : kernels.LACK + 3]
+            another()
         return seen
 
     def _recoloured(

@@ -19,7 +19,14 @@ CHECKS: Steps = [("checking photos", 1), ("checking cameras", 2)]
 
 CODED: Steps = [("planning", 2), ("coding planes", 9)]
 
-LISTED: Steps = [("looking at views", 8), ("pruning", 12), ("correcting", 13), ("ranking", 6), ("coding", 6)]
+LISTED: Steps = [
+    ("looking at views", 8),
+    ("pruning", 12),
+    ("correcting", 13),
+    ("ranking", 6),
+    ("coding", 4),
+    ("measuring", 2),
+]
 
 AGREED: Steps = [("comparing neighbours", 3)]
 

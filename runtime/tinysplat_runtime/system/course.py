@@ -48,9 +48,9 @@ class Stage:
         """Seconds, by the latest items, without the first where there are others: it often loads something. None where
         no item tells.
         """
-        if not self.done or (self.total is None and not self.is_over):
+        if not self.done or self.total is None:
             return None
-        if self.is_over or self.total is None or self.done >= self.total:
+        if self.is_over or self.done >= self.total:
             return 0.0
         first = max(self.done - max(LATEST, self.done // 2), min(self.done - 1, 1))
         work = self._cost(first, self.done)
