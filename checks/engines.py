@@ -16,21 +16,18 @@ The first picture shows what all draw, the second F in Spark from CLOSER times a
 from __future__ import annotations
 
 import base64
-import functools
-import http.server
 import io
 import math
 import subprocess
 import sys
 import tempfile
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from page.browser import Browser
+from page.browser import Browser, Folder, served
 from PIL import Image
 
 import tinysplat_runtime as ts
@@ -97,7 +94,7 @@ def described(camera: ts.Camera) -> dict[str, Any]:
     }
 
 
-class Handler(http.server.SimpleHTTPRequestHandler):
+class Handler(Folder):
     """The scene's folder; below /web our decoder; below /node_modules the packages of the folder this is run in."""
 
     def translate_path(self, path: str) -> str:
@@ -108,9 +105,6 @@ class Handler(http.server.SimpleHTTPRequestHandler):
         if bare.startswith("/web/"):
             return str(WEB / bare.removeprefix("/web/"))
         return super().translate_path(path)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Nothing is said of requests."""
 
 
 def picture_of(browser: Browser, address: str, engine: str, camera: ts.Camera) -> tuple[str, NDArray]:
@@ -171,10 +165,7 @@ def main(file: str, out: str | None = None, closer_out: str | None = None) -> in
         (folder / "scene.tsplat").write_bytes(data)
         faults += not check_splat_transform(data, folder)
         (folder / "engines.html").write_text(Path(__file__).with_name("engines.html").read_text())
-        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=name))
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        with Browser() as browser:
-            address = f"http://127.0.0.1:{server.server_port}"
+        with Browser() as browser, served(folder, Handler) as address:
             for engine in ENGINES:
                 version, theirs = picture_of(browser, address, engine, camera)
                 agreement = -10 * math.log10(np.mean((theirs - ours) ** 2))
@@ -187,7 +178,6 @@ def main(file: str, out: str | None = None, closer_out: str | None = None) -> in
                 save_beside(closer_out, closer(browser, address, file, folder))
             for message in browser.messages:
                 print("console:", message[:300])
-        server.shutdown()
     if out:
         save_beside(out, [picture.resize((PANEL, PANEL), Image.Resampling.LANCZOS) for picture in middles(pictures)])
     return 1 if faults else 0

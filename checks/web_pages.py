@@ -10,19 +10,16 @@ Fails where a page says something to the console that is an error, or shows one 
 from __future__ import annotations
 
 import base64
-import functools
 import io
 import re
 import shutil
 import subprocess
 import sys
-import threading
 import time
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
-from page.browser import Browser
+from page.browser import Browser, served
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,13 +27,6 @@ PAGES = re.compile(r"cat > (\w+\.html) <<'END'\n(.*?)\nEND\n", re.DOTALL)
 LEAST_SPREAD = 0.02  # standard deviation of a picture's colours
 SECONDS = 60
 SIZE = 320, 240
-
-
-class Quiet(SimpleHTTPRequestHandler):
-    """The folder that this is run in."""
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Nothing is said of requests."""
 
 
 def spread(browser: Browser, address: str) -> float:
@@ -62,16 +52,13 @@ def main(file: str) -> int:
     done = subprocess.run(["npx", "tsc", "-p", "tsconfig.json"], capture_output=True, text=True, check=False)
     print("types:", done.stdout.strip() or "as used")
     faults += done.returncode != 0
-    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(here)))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
     for name, text in PAGES.findall((ROOT / "docs" / "WEB.md").read_text("utf-8")):
         (here / name).write_text(text.replace("<!doctype html>", '<!doctype html><link rel="icon" href="data:,">'))
-        with Browser() as browser:
-            found = spread(browser, f"http://127.0.0.1:{server.server_port}/{name}")
+        with Browser() as browser, served(here) as address:
+            found = spread(browser, f"{address}/{name}")
             errors = [message[:200] for message in browser.messages if "rror" in message or "Failed" in message]
         print(f"{name}: colours spread by {found:.3f}", *errors, flush=True)
         faults += found <= LEAST_SPREAD or bool(errors)
-    server.shutdown()
     return int(faults > 0)
 
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import http.server
 import json
 import os
 import shutil
 import subprocess
 import tempfile
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -36,6 +42,24 @@ def chromium() -> str:
         pytest.skip("needs Chromium: apt-get install chromium")
     assert found, "Chromium is missing"
     return found
+
+
+class Folder(http.server.SimpleHTTPRequestHandler):
+    """A folder of this machine's."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are nobody's concern."""
+
+
+@contextmanager
+def served(folder: Path, handler: type[Folder] = Folder) -> Iterator[str]:
+    """The address of a folder that is served within the block."""
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(folder))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
 
 
 class Browser:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import base64
-import http.server
 import io
 import json
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from page.browser import Browser, Tab
+from page.browser import Browser, Folder, Tab, served
 from PIL import Image
 from scenes import make_smooth_gaussians, psnr
 
@@ -135,13 +132,6 @@ def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) ->
     tab.close()
 
 
-class Quiet(http.server.SimpleHTTPRequestHandler):
-    """A folder of this machine's."""
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Requests are nobody's concern."""
-
-
 OPEN = """() => {
   const { splats } = page, draw = splats.draw.bind(splats), noted = (globalThis.noted = []);
   splats.draw = (...given) => {
@@ -233,10 +223,8 @@ def test_a_page_within_another_waits_for_a_tap(browser: Browser, tmp_path: Path)
     (tmp_path / "page.html").write_text(scene_page(coded(2), Shown("scene", poster=np.full((48, 64, 3), 0.5))))
     frame = '<iframe src="page.html#embed" style="width: 300px; height: 200px"></iframe>'
     (tmp_path / "article.html").write_text(f'<!doctype html><link rel="icon" href="data:,">{frame}')
-    served = http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
-    with served as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        tab = browser.open(f"http://127.0.0.1:{server.server_port}/article.html", 320, 240)
+    with served(tmp_path) as address:
+        tab = browser.open(f"{address}/article.html", 320, 240)
         tab.wait("frames[0]?.document.getElementById('begin')?.hidden === false")
         assert not tab.evaluate("'page' in frames[0] && Boolean(frames[0].page.scene)")
         tab.evaluate("frames[0].document.getElementById('begin').click(), 0")
@@ -245,10 +233,9 @@ def test_a_page_within_another_waits_for_a_tap(browser: Browser, tmp_path: Path)
         assert tab.evaluate(shown) == [False, False]
         assert tab.evaluate("frames[0].getComputedStyle(frames[0].view).touchAction") == "pan-y"
         tab.close()
-        server.shutdown()
 
 
-class Strict(http.server.SimpleHTTPRequestHandler):
+class Strict(Folder):
     """A folder on a site that allows what is its own alone."""
 
     def end_headers(self) -> None:
@@ -256,18 +243,13 @@ class Strict(http.server.SimpleHTTPRequestHandler):
         self.send_header("Content-Security-Policy", "default-src 'self'")
         super().end_headers()
 
-    def log_message(self, format: str, *args: object) -> None:
-        """Requests are nobody's concern."""
-
 
 def test_strict_sites_show_a_folder_and_a_page_says_what_it_lacks(browser: Browser, tmp_path: Path) -> None:
     data, poster = coded(8, height=24, width=32), np.full((24, 32, 3), 0.5)
     for name, content in scene_files(data, Shown("scene", photos={0: poster}, poster=poster)).items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "page.html").write_text(scene_page(data, Shown("scene")))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Strict, directory=str(tmp_path))) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_port}"
+    with served(tmp_path, Strict) as address:
         tab = browser.open(f"{address}/index.html#bare", 32, 24)
         tab.ready()
         gaussians = ts.decompress(data)
@@ -278,7 +260,6 @@ def test_strict_sites_show_a_folder_and_a_page_says_what_it_lacks(browser: Brows
         text = tab.evaluate("document.body.innerText")
         assert "Loading" not in text and "Content-Security-Policy" in text and "--files" in text
         tab.close()
-        server.shutdown()
     browser.messages[:] = [message for message in browser.messages if "Content Security Policy" not in message]
 
 
@@ -329,15 +310,12 @@ def test_the_player_opens_what_is_linked(browser: Browser, tmp_path: Path) -> No
     (tmp_path / "player.html").write_text(player_page())
     (tmp_path / "a b.tsplat").write_bytes(data)
     camera = gaussians.cameras[front_view(gaussians.cameras)]  # as a page of the same file begins
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path))) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_port}/player.html?file=a%20b.tsplat&bare"
-        tab = browser.open(address, camera.width, camera.height)
+    with served(tmp_path) as address:
+        tab = browser.open(f"{address}/player.html?file=a%20b.tsplat&bare", camera.width, camera.height)
         tab.ready()
         assert psnr(picture(tab), ts.render(gaussians, camera).clip(0, 1)) > LEAST_DB
         assert tab.evaluate("document.title") == "a b"
         tab.close()
-        server.shutdown()
 
 
 def test_the_player_opens_what_is_dropped_and_refuses_what_is_none(browser: Browser, tmp_path: Path) -> None:

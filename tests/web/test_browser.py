@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import http.server
 import json
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from page.browser import Browser, Tab
+from page.browser import Browser, Folder, Tab, served
 from scenes import make_smooth_gaussians
 
 import tinysplat_runtime as ts
@@ -33,14 +30,11 @@ window.isReady = true;
 </script>"""
 
 
-class Handler(http.server.SimpleHTTPRequestHandler):
+class Handler(Folder):
     """A folder, and below /web the decoder."""
 
     def translate_path(self, path: str) -> str:
         return str(WEB / path.removeprefix("/web/")) if path.startswith("/web/") else super().translate_path(path)
-
-    def log_message(self, format: str, *args: object) -> None:
-        pass
 
 
 @pytest.fixture(scope="module")
@@ -53,15 +47,11 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def tab(scene: Path) -> Iterator[Tab]:
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(scene)))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    with Browser() as browser:
-        opened = browser.open(f"http://127.0.0.1:{server.server_port}/index.html", 64, 64)
+    with Browser() as browser, served(scene, Handler) as address:
+        opened = browser.open(f"{address}/index.html", 64, 64)
         opened.wait("window.isReady")
         yield opened
         assert browser.messages == []
-    server.shutdown()
-    server.server_close()
 
 
 def check(said: dict[str, list[float]], wanted: ts.Gaussians) -> None:
