@@ -9,8 +9,6 @@ from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
 from ..container.limits import Limits
 from ..errors import InputError, TinySplatError
-from ..graphs.artifacts import load_manifest
-from ..graphs.providers import providers_of
 from ..system.stopwatch import Stopwatch
 from .files import read_file, write_json
 from .given import writing_of
@@ -69,6 +67,8 @@ def doctor(args: Namespace) -> None:
 
         print(f"compiled, in {warm(Voice(args.quiet))}")
         return
+    from ..graphs.providers import providers_of
+
     report = examine(providers_of(args.provider) if args.provider else None)
     print(json.dumps(report, indent=2) if args.json else text(report))
     if report["wrong"]:
@@ -77,6 +77,8 @@ def doctor(args: Namespace) -> None:
 
 def models(args: Namespace) -> None:
     """The networks and graphs at hand."""
+    from ..graphs.artifacts import load_manifest
+
     artifacts = load_manifest()
     if args.json:
         print(json.dumps({name: artifact.entry for name, artifact in artifacts.items()}, indent=2, ensure_ascii=False))

@@ -9,20 +9,20 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..api import Runtime
 from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
 from ..container.limits import Limits
 from ..errors import InputError, TinySplatError
-from ..gaussian.editing import select_views
-from ..gaussian.gaussians import Gaussians
-from ..graphs.providers import providers_of
 from ..system.files import read_limited, write_atomically
 from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
 from ..system.told import NOBODY, Told
 from .outputs import STANDARD, is_standard
+
+if TYPE_CHECKING:  # of what a file holds, `info` says without them
+    from ..api import Runtime
+    from ..gaussian.gaussians import Gaussians
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,9 @@ class Reading:
 
     def runtime(self) -> Runtime:
         """A runtime with these options."""
+        from ..api import Runtime
+        from ..graphs.providers import providers_of
+
         providers = providers_of(self.provider)
         return Runtime(threads=self.threads, providers=providers, limits=self.limits, told=self.told)
 
@@ -83,6 +86,8 @@ class Reading:
         for option, value in (("--max-bytes", self.max_bytes), ("--partial", self.partial or None)):
             if value is not None:
                 raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=option)
+        from ..gaussian.editing import select_views
+
         loaded = _other_format(file, data, self.grid)
         try:
             return loaded if self.views is None else select_views(loaded, self.views)
