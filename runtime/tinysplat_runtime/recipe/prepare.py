@@ -78,7 +78,7 @@ def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
         if not spacing.is_good:
             told.say("notice", apart, scene.path)
         return sized
-    others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes so many"
+    others = "--views all takes every one" if photos < len(scene.frames) else "--views auto:N takes N"
     told.say("notice", f"{photos} of {len(scene.frames)} photos, {why}; {others}", scene.path)
     told.say("notice", apart, scene.path)
     return sized
@@ -138,7 +138,7 @@ def _chosen_views(request: EncodeRequest, scene: Scene, told: Told) -> tuple[Sce
     near, far = scene.depth_range()
     chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
     within = f"{100 * SPACING:.0f} % of the depth and {math.degrees(SPACING):.0f}°"
-    why = f"every other photo was taken within {within} of one of these"
+    why = f"any left out lie within {within} of one of them"
     return _matching(scene.views(chosen), NOBODY), "as asked" if wanted else why
 
 

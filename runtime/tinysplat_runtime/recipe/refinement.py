@@ -65,5 +65,5 @@ def _steps(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refine
         check_memory(scene, way)
         told.say("notice", f"not refined by its photos: {error.message}", scene.path)
         return None
-    told.say("notice", "then refined by its photos, worth about half a dB; --no-refine leaves that out", scene.path)
+    told.say("notice", "refinement follows (about +0.5 dB); --no-refine skips it", scene.path)
     return Refinement()

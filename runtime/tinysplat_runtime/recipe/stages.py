@@ -203,8 +203,8 @@ def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is
 
 
 def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
-    """What leaves Gaussians out that are not worth their bytes; or what keeps all: where that is asked for, and with a
-    warning without numba, or where nobody knows what people see of them.
+    """A coder that prunes; if that is not wanted, one that keeps all, as it does with a warning without numba or known
+    viewpoints.
     """
     from ..codec.modes.list import encoder
 

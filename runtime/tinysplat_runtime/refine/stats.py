@@ -36,7 +36,7 @@ class RefineStats:
         if self.kept == 0:
             return f"refinement leaves the Gaussians as they are: {self.reason}"
         if self.held:
-            return f"refined in {self.kept} steps, which {self.held} photos held back do not contradict"
+            return f"refined in {self.kept} steps, confirmed by {self.held} photos held back"
         first, best = self.looks[0][1], max(dB for _, dB, _ in self.looks)
         return (
             f"refined in {self.kept} steps: photos {self.before:.2f} to {self.after:.2f} dB, from the Gaussians of the"
