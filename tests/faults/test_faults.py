@@ -31,7 +31,7 @@ from tinysplat_runtime.errors import ModelError, TinySplatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import models_dir
 
-ROUNDS = 4
+ROUNDS = 3
 """Kills of each command, spread over its run."""
 
 
@@ -161,7 +161,7 @@ def test_a_run_over_many_scenes_killed_at_any_moment_leaves_whole_files_and_goes
     results = json.dumps({"scenes": {}}).encode()  # of a run before
     (target / "results.json").write_bytes(results)
     seen = []
-    for moment in (0.4, 0.7, 0.95):
+    for moment in (0.5, 0.9):
         process = _start(*many[command], "-o", target, "-q")
         time.sleep(took * moment)
         workers = _children(process)
@@ -178,9 +178,7 @@ def test_a_run_over_many_scenes_killed_at_any_moment_leaves_whole_files_and_goes
     assert _figures(target) == wanted
 
 
-@pytest.mark.parametrize(
-    ("delay", "sent"), [(0.0, signal.SIGINT), (0.3, signal.SIGINT), (0.3, signal.SIGTERM)], ids=str
-)
+@pytest.mark.parametrize(("delay", "sent"), [(0.0, signal.SIGINT), (0.3, signal.SIGTERM)], ids=str)
 @pytest.mark.parametrize("command", ["batch", "eval"])
 def test_an_interrupted_run_over_many_scenes_ends_with_130(many, tmp_path, command, delay, sent) -> None:
     process = _start(*many[command], "-o", tmp_path / "out", "-q")
@@ -208,7 +206,7 @@ def _wait_until_it_works(process: subprocess.Popen[str]) -> None:
 def test_an_interrupted_command_ends_with_130_and_leaves_nothing(inputs, tmp_path, command, sent) -> None:
     arguments, suffix = _commands(inputs)[command]
     statuses = []
-    for delay in (0.0, 0.15, 0.4):
+    for delay in (0.0, 0.3):
         process = _start(*arguments, "-o", tmp_path / f"out{suffix}", "-q")
         _wait_until_it_works(process)
         time.sleep(delay)
