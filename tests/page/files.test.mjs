@@ -1,7 +1,7 @@
-// Bytes on their way into the page.
+// Bytes on their way into the page, and what it says of them.
 import assert from "node:assert/strict";
 import test from "node:test";
-import { fetched, inKilobytes, paced } from "../../runtime/tinysplat_runtime/page/files.js";
+import { bytesByUse, fetched, inKilobytes, paced } from "../../runtime/tinysplat_runtime/page/files.js";
 
 test("sizes are said in few digits, and are about those", () => {
   const units = { k: 1e3, m: 1e6 };
@@ -10,6 +10,16 @@ test("sizes are said in few digits, and are about those", () => {
     const about = number * (units[unit.toLowerCase()] ?? 1);
     assert.ok(said.length <= 9 && Math.abs(about - bytes) <= Math.max(50, 0.05 * bytes), `${bytes}: ${said}`);
   }
+});
+
+test("bytes are counted by what they are for, and come to the file's", () => {
+  const about = {
+    bytes: 1000, parts: [],
+    channels: [[{ name: "depth0", bytes: [100, 20] }, { name: "color12", bytes: [300] }, { name: "opacity0", bytes: [] }, { name: "photo0", bytes: [40, 2] }], [{ name: "color0", bytes: [5] }]],
+  };
+  const uses = bytesByUse(about).map(([, bytes]) => bytes);
+  for (const bytes of [120, 305, 42]) assert.ok(uses.includes(bytes), "distances, colours, photos");
+  assert.equal(uses.reduce((sum, bytes) => sum + bytes, 0), 1000);
 });
 
 test("bytes at hand come whole, and first what there is something to see of", async () => {

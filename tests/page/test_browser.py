@@ -283,12 +283,14 @@ def test_switches_change_the_picture_and_back(browser: Browser, tmp_path: Path) 
     tab.evaluate("page.camera.shift(0.2, 0.1, -0.6), page.move(), 0")  # from where the cameras are seen
     tab.ready()
     before = picture(tab)
-    tab.evaluate("depth.click(); 0")
-    tab.ready()
-    assert np.abs(picture(tab) - before).mean() > 1e-3
-    tab.evaluate("depth.click(); 0")
-    tab.ready()
-    np.testing.assert_array_equal(picture(tab), before)
+    hidden = [f"opacity.value = {value}, opacity.oninput()" for value in (0.9, 0)]
+    for change, undone in (("depth.click()", "depth.click()"), hidden):
+        tab.evaluate(f"{change}; 0")
+        tab.ready()
+        assert np.abs(picture(tab) - before).mean() > 1e-3, change
+        tab.evaluate(f"{undone}; 0")
+        tab.ready()
+        np.testing.assert_array_equal(picture(tab), before, err_msg=undone)
     hold = "dispatchEvent(new KeyboardEvent('WAY', { code: 'KeyC' })), [photo.hidden, compareRow.hidden]"
     assert tab.evaluate(hold.replace("WAY", "keydown")) == [False, False]
     assert tab.evaluate(hold.replace("WAY", "keyup")) == [True, False]

@@ -3,6 +3,23 @@
 const HEADS = [1 << 15, 1 << 20]; // bytes that are asked for first, and then if they do not describe the file
 const MOST_BYTES = 1 << 30; // that are fetched
 
+const SECTIONS = { // what classes of bytes are called
+  depth: "distances", color: "colours", opacity: "transparency", scale: "sizes", rotation: "directions", offset: "fine positions",
+  position: "positions", exact: "exact planes", photo: "photos",
+};
+// Bytes by what they are for: [words, bytes], of those that are there.
+export function bytesByUse({ parts, channels, bytes }) {
+  const uses = new Map();
+  for (const { name, bytes: streams } of channels.flat()) {
+    const use = SECTIONS[name.replace(/\d+$/, "")] ?? name;
+    uses.set(use, (uses.get(use) ?? 0) + streams.reduce((sum, n) => sum + n, 0));
+  }
+  const known = () => [...uses.values()].reduce((sum, n) => sum + n, 0);
+  if (!known()) uses.set("views", parts.reduce((sum, part) => sum + part.length, 0)); // of which nothing else is known yet
+  uses.set("description", bytes - known());
+  return [...uses].filter(([, n]) => n > 0);
+}
+
 // Bytes at hand as chunks that end where a picture gets better; waits before each until `isFree()` resolves.
 export async function* paced(bytes, steps, isFree) {
   let at = 0;

@@ -1,7 +1,7 @@
 // Puts the page together: its scene, its panel and its words.
 import { Capture } from "./capture.js";
 import { makeCloud } from "./cloud.js";
-import { captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
+import { bytesByUse, captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
 import { frontView } from "./front.js";
 import { FEW } from "./near.js";
 import { sceneOf, viewOf } from "./scene.js";
@@ -43,6 +43,7 @@ class Panel {
     this.scene = scene;
     find("summary").textContent = [
       `${count.toLocaleString("en")} Gaussians${drawn}, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
+      bytesByUse(about).map(([use, bytes]) => `${use} ${inKilobytes(bytes)}`).join(", "),
       [attribution, licence].filter(Boolean).join(", "),
     ].filter(Boolean).join("; ");
     if (isSame) return this.shown();
@@ -67,6 +68,7 @@ class Panel {
     find("before").onclick = () => viewer.step(-1);
     find("after").onclick = () => viewer.step(1);
     find("depth").oninput = () => viewer.showDepth(find("depth").checked);
+    find("opacity").oninput = () => viewer.showOpaque(Number(find("opacity").value));
     find("swing").checked = viewer.isSwinging;
     find("swing").onchange = () => viewer.swing(find("swing").checked);
     find("free").onchange = () => {

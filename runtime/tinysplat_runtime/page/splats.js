@@ -23,7 +23,7 @@ uniform uint count;
 uniform mat3 projection;              // K R without the principal point
 uniform vec3 eye;                     // camera centre
 uniform vec2 principal, size;         // pixels
-uniform float nearPlane;
+uniform float nearPlane, leastOpacity;
 uniform float focal;                  // pixels, to measure own pixels with
 uniform bool fades;                   // whether what lies beyond the pictures' edges is drawn fainter
 uniform vec2 logSteps;                // of lengths' codes: steps to a doubling, and what was added
@@ -76,7 +76,7 @@ void main() {
   float opacity = float(first.w & 0xffu) / 255.0;
   vec3 ray = uintBitsToFloat(first.xyz) - eye;
   vec3 point = projection * ray;
-  if (point.z <= nearPlane) return;
+  if (opacity < leastOpacity || point.z <= nearPlane) return;
   vec2 centred = point.xy / point.z;
   vec2 clamped = clamp(centred, -MARGIN * size - principal, (1.0 + MARGIN) * size - principal);
   mat3 rows = transpose(projection);
@@ -498,6 +498,7 @@ export class Splats {
     gl.uniform2fv(uniforms.logSteps, this.cloud.logSteps);
     gl.uniform1f(uniforms.focal, view.focal);
     gl.uniform1i(uniforms.fades, options.fades ? 1 : 0);
+    gl.uniform1f(uniforms.leastOpacity, options.leastOpacity);
     gl.uniform1i(uniforms.functions, this.cloud.functions);
     gl.uniform3f(uniforms.depths, 1 / this.cloud.nearest, 1 / this.cloud.farthest, options.depth ? 1 : 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);

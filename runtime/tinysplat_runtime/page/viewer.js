@@ -25,7 +25,7 @@ export class Viewer {
   // them, with the views that are wanted when the camera is or goes elsewhere (capture.js), and when all has come to rest.
   // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
   constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
-    Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false, showsDepth: false });
+    Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false, showsDepth: false, leastOpacity: 0 });
     this.controls = new Controls(canvas, {
       mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
       back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
@@ -199,6 +199,12 @@ export class Viewer {
     this.isDirty = true;
   }
 
+  // Only Gaussians of at least this opacity.
+  showOpaque(least) {
+    this.leastOpacity = least;
+    this.isDirty = true;
+  }
+
   setFree(isFree) {
     this.isFree = isFree;
     if (!isFree && this.near) this.back();
@@ -269,7 +275,7 @@ export class Viewer {
     const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
     const isFramed = isNear && !isBare && !depth && !this.background; // else its surroundings continue the picture
     return {
-      nearPlane: this.scene.nearPlane, shares: this.shares(), depth,
+      nearPlane: this.scene.nearPlane, shares: this.shares(), depth, leastOpacity: this.leastOpacity,
       fades: !isBare && !depth, light: isBare ? 1 : lightAt(strain), ground: depth ? [0, 0, 0] : this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground),
       isFramed, follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
     };
