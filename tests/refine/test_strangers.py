@@ -57,6 +57,10 @@ def test_strangers_are_found(wall: tuple[np.ndarray, list[ts.Camera]], strange: 
     assert set(found(photos, cameras)) == strange
 
 
+def test_where_nothing_agrees_nobody_is_a_stranger(wall: tuple[np.ndarray, list[ts.Camera]]) -> None:
+    assert found(np.random.default_rng(0).uniform(size=wall[0].shape), wall[1]) == ()
+
+
 def blurred(photo: np.ndarray) -> np.ndarray:
     return (photo + sum(np.roll(photo, by, axis) for by in (-2, -1, 1, 2) for axis in (0, 1))) / 9
 

@@ -25,6 +25,9 @@ doubted that has less of both; from the others, no photo has more than 1."""
 MOST_HARM = 0.05
 """Most that one neighbour counts: it may be a stranger of the same scene, which is shown worse."""
 
+MOST_OUT = 0.25
+"""Share of the photos that are strangers at most; a single one may always be."""
+
 TILE = 8
 """Pixels of a side of the tiles in which they are compared."""
 
@@ -34,7 +37,7 @@ EVEN = 0.01
 
 
 def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = NOBODY) -> tuple[int, ...]:
-    """The photos that the others contradict, in order; of three or more, two are left at least.
+    """The photos that the others contradict, in order; none where they would be many.
 
     Args:
         field: the Gaussians of all photos.
@@ -42,7 +45,8 @@ def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = N
         told: is told of each photo.
     """
     sight, out = _Sight(field, targets), frozenset[int]()
-    while len(targets) - len(out) > 2:
+    most = max(1, int(MOST_OUT * len(targets)))
+    while len(targets) > 2:
         left = [view for view in range(len(targets)) if view not in out]
         looked_at = left if out else told.progress("comparing neighbours", left)
         apart = {view: sight.alike(view, out | {view}) for view in looked_at}
@@ -55,6 +59,8 @@ def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = N
             break
         worst = max(harmful, key=lambda view: harm[view]) if harmful else min(unlike, key=lambda view: own[view])
         out |= {worst}
+        if len(out) > most:
+            return ()
     return tuple(sorted(out))
 
 
