@@ -66,6 +66,19 @@ def within(where: str, joint: str = ": ", known: str | None = None) -> Iterator[
         raise type(error)(error.message, where=f"{where}{joint}{error.where}" if error.where else where) from None
 
 
+@contextmanager
+def fast_for(where: str) -> Iterator[None]:
+    """A block that imports what needs numba, for the option `where`.
+
+    Raises:
+        InputError: it is not installed; says how to.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where=where) from None
+
+
 class InputError(TinySplatError):
     """What the user gave cannot be used as it is."""
 

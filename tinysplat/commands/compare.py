@@ -11,7 +11,7 @@ from tinysplat.measure.show.tables import format_table, number
 from tinysplat_runtime.api import Runtime, load_gaussians
 from tinysplat_runtime.cli.arguments import size
 from tinysplat_runtime.container.layout import MAX_FILE_BYTES, SUFFIX
-from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.errors import InputError, within
 from tinysplat_runtime.formats.table import endings
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
@@ -79,10 +79,8 @@ def _sheet(a: Path, b: Path, cameras: str | None, size: tuple[int, int] | None, 
 def _loaded(path: Path, runtime: Runtime) -> Gaussians:
     if path.suffix.lower() != SUFFIX:
         return load_gaussians(path)
-    try:
+    with within(str(path)):
         return runtime.decompress(read_limited(path, MAX_FILE_BYTES))
-    except TinySplatError as error:
-        raise error.within(str(path)) from None
 
 
 def _kind(path: Path) -> str:

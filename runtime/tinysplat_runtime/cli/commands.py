@@ -8,7 +8,7 @@ from argparse import Namespace
 from ..container.inspection import inspect_bytes
 from ..container.layout import SUFFIX
 from ..container.limits import Limits
-from ..errors import InputError, TinySplatError
+from ..errors import InputError, within
 from ..system.stopwatch import Stopwatch
 from .files import read_file, write_json
 from .given import writing_of
@@ -50,10 +50,8 @@ def info(args: Namespace) -> None:
         print(json.dumps(about, indent=2) if args.json else gaussians_text(about))
         return
     data = read_file(args.file)
-    try:
+    with within(args.file):
         described = inspect_bytes(data, Limits.for_describing(args.max_pixels, args.max_memory))
-    except TinySplatError as error:
-        raise error.within(args.file) from None
     print(json.dumps(described, indent=2) if args.json else info_text(args.file, described))
 
 

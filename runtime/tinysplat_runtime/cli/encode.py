@@ -10,7 +10,7 @@ from ..api import Runtime
 from ..codec.modes import DEFAULT_MODE, LIST
 from ..container.layout import SUFFIX
 from ..container.list import List
-from ..errors import InputError, TinySplatError
+from ..errors import InputError, within
 from ..formats.viewpoints import found_beside
 from ..graphs.providers import providers_of
 from ..recipe.encode import Encoded, listed
@@ -65,12 +65,10 @@ def compress(args: Namespace) -> None:
     if gaussians.viewpoints and not (args.cameras or args.gaussians.endswith(KEEPS_CAMERAS)):
         used = f"used as cameras of {len(gaussians.viewpoints)} photos"
         voice.say("notice", used, found_beside(Path(args.gaussians)) or "")
-    try:
+    with within(args.gaussians):
         request = asked(args, CompressRequest, gaussians)
         coded = compress_gaussians(request, runtime, voice, keep=bool(args.report))
         _write(coded, voice, args, runtime)
-    except TinySplatError as error:
-        raise error.within(args.gaussians) from None
 
 
 def _write(coded: Encoded, voice: Voice, args: Namespace, runtime: Runtime) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
 from ..container.limits import Limits
-from ..errors import InputError, TinySplatError
+from ..errors import InputError, within
 from ..system.files import read_limited, write_atomically
 from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
@@ -67,12 +67,10 @@ class Reading:
     def decompress(self, file: str, data: bytes, watch: Stopwatch) -> Gaussians:
         """Gaussians of a .tsplat file's bytes; errors name the file, and so does the line that says what is lost."""
         lost: list[str] | None = [] if self.partial else None
-        try:
+        with within(file):
             gaussians = self.runtime().decompress(
                 data, max_bytes=self.max_bytes, views=self.views, lost=lost, model=self.model, watch=watch
             )
-        except TinySplatError as error:
-            raise error.within(file) from None
         if lost:
             wipe()
             print(f"{file}: lost {len(lost)} of its planes: {', '.join(lost)}", file=sys.stderr)
@@ -89,10 +87,8 @@ class Reading:
         from ..gaussian.editing import select_views
 
         loaded = _other_format(file, data, self.grid)
-        try:
+        with within(file):
             return loaded if self.views is None else select_views(loaded, self.views)
-        except TinySplatError as error:
-            raise error.within(file) from None
 
 
 def _other_format(file: str, data: bytes | None, grid: tuple[int, int, int] | None) -> Gaussians:

@@ -23,7 +23,7 @@ from ..api import Runtime
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.photos import Photos
 from ..container.reader import read_container
-from ..errors import InputError, TinySplatError
+from ..errors import InputError, within
 from ..formats.table import load_gaussians
 from ..page.build import SCENE, Shown, player_page, scene_files, scene_page
 from ..page.front import front_of, front_view
@@ -218,7 +218,7 @@ def is_this_machine(host: str) -> bool:
 
 def _file(file: str, runtime: Runtime) -> tuple[bytes, Sequence[Camera]]:
     """A .tsplat file that any page decodes, as it is where it is one, and its views."""
-    try:
+    with within(file):
         if Path(file).suffix.lower() != SUFFIX:
             gaussians = load_gaussians(file)
             return runtime.compress(gaussians, qp=FINE_QP), gaussians.cameras
@@ -227,8 +227,6 @@ def _file(file: str, runtime: Runtime) -> tuple[bytes, Sequence[Camera]]:
         if isinstance(container.body, Photos):
             data = runtime.compress(runtime.decompress(data))
         return data, container.cameras
-    except TinySplatError as error:
-        raise error.within(file) from None
 
 
 def _photos(scene: Scene, cameras: Sequence[Camera], told: Told) -> dict[int, NDArray]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
-from ..errors import InputError
+from ..errors import InputError, fast_for
 from ..gaussian.gaussians import Gaussians
 from ..graphs.predict import predict
 from ..render import Renderer
@@ -29,10 +29,8 @@ def warm(told: Told) -> str:
     Raises:
         InputError: numba is not installed, or has no place to keep what it compiles.
     """
-    try:
+    with fast_for("--warm"):
         from ..system.kernels_compile import KEPT_IN
-    except ImportError as error:
-        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="--warm") from None
     if not KEPT_IN:
         raise InputError("no folder to keep it in can be written to; NUMBA_CACHE_DIR names one", where="--warm")
     runtime = Runtime(threads=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ..codec.job import EncodeStats, PhotoScene
@@ -16,7 +16,6 @@ from ..refine.stats import RefineStats
 from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system import printable
-from ..system.files import StrPath
 from ..system.told import NOBODY, Told
 from .request import Coding, CompressRequest, EncodeRequest
 from .stages import Pruning, Tools, agreeing, code, code_photos, refine, sparse
@@ -133,10 +132,8 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     told.plan(ahead(way, request, photos, refinement, is_coded=is_coded))
     gaussians, doubted = _predicted(request, scene, way, told, stats)
     if refinement:
-        with stats.watch.stage("agree"):
-            gaussians, out = agreeing(gaussians, scene, tools, told)
+        gaussians, out = _agreeing(gaussians, scene, lambda view: name_of(scene.frames[view]), tools, told, stats)
         if out:
-            _say_left_out([name_of(scene.frames[view]) for view in out], told, scene.path)
             scene = scene.views([view for view in range(len(scene.frames)) if view not in out])
     if request.mode == EITHER:
         from .contest import contest
@@ -158,8 +155,16 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     return _Made(gaussians, request, scene, doubted, refined)
 
 
-def _say_left_out(names: Sequence[str], told: Told, path: StrPath) -> None:
-    told.say("doubt", f"left out {printable.listed(names)}: the other photos contradict what it shows", path)
+def _agreeing(
+    gaussians: Gaussians, scene: Scene, name: Callable[[int], str], tools: Tools, told: Told, stats: EncodeStats
+) -> tuple[Gaussians, tuple[int, ...]]:
+    """`stages.agreeing`, which says what it leaves out, by `name` of a view."""
+    with stats.watch.stage("agree"):
+        gaussians, out = agreeing(gaussians, scene, tools, told)
+    if out:
+        names = printable.listed([name(view) for view in out])
+        told.say("doubt", f"left out {names}: the other photos contradict what it shows", scene.path)
+    return gaussians, out
 
 
 def _predicted(
@@ -202,10 +207,7 @@ def compress(
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
         told.plan([*AGREED, *refined(request.refine), *coded(gaussians)])
-        with stats.watch.stage("agree"):
-            gaussians, out = agreeing(gaussians, scene, tools, told)
-        if out:
-            _say_left_out([f"view {view}" for view in out], told, scene.path)
+        gaussians, _ = _agreeing(gaussians, scene, "view {}".format, tools, told, stats)
         gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
     told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)

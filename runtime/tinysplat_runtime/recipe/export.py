@@ -14,7 +14,7 @@ from ..container.exact import Exact
 from ..container.layout import MAX_FILE_BYTES, SUFFIX
 from ..container.planes import Planes
 from ..container.reader import read_container
-from ..errors import InputError, TinySplatError
+from ..errors import InputError, TinySplatError, fast_for
 from ..formats.table import save_gaussians, save_points
 from ..formats.viewpoints import save_beside, seen_from
 from ..gaussian.editing import crop, cut_degree, drop_transparent, merge, select_views, similarity, trim_border
@@ -164,10 +164,8 @@ def _thinned(gaussians: Gaussians, tools: Tools, told: Told) -> Gaussians:
 
 
 def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
-    try:
+    with fast_for("fuse"):
         from ..sparse.pictures import own_pictures
-    except ImportError as error:
-        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="fuse") from None
     if len(gaussians.cameras) < 2:
         found = f"{len(gaussians.cameras)} views, expected per-pixel Gaussians of two or more"
         raise InputError(found, where="fuse")
@@ -182,10 +180,8 @@ def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Tol
 
 def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> Gaussians:
     """Those that pictures need most, as one list."""
-    try:
+    with fast_for("prune"):
         from ..prune.reduction import leave_out
-    except ImportError as error:
-        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="prune") from None
     left = leave_out(gaussians, amount, tools.threads, told)
     told.say("done", f"{left.text or 'none left out'}, in pictures as defined")
     return left.gaussians

@@ -22,7 +22,7 @@ from ..container.exact import Exact
 from ..container.limits import Limits
 from ..container.list import List
 from ..container.planes import Planes
-from ..errors import InputError, warn
+from ..errors import fast_for, warn
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
@@ -79,12 +79,10 @@ def agreeing(
     Raises:
         InputError: photos that do not fit the Gaussians, or numba is missing.
     """
-    try:
+    with fast_for("refine"):
         from ..refine.strangers import strangers
         from ..render.gradient import MovableGaussians
         from ..sparse.pictures import photos_of
-    except ImportError as error:
-        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
     photos = photos_of(gaussians, scene)
     out = strangers(MovableGaussians(gaussians, Crew(tools.threads).map), photos, told)
     if not out:
@@ -103,10 +101,8 @@ def refine(
     told: Told = NOBODY,
 ) -> Gaussians:
     """Gaussians that show their photos better; see `Runtime.refine`, whose default None stands for."""
-    try:
+    with fast_for("refine"):
         from ..refine.refine import Refining
-    except ImportError as error:
-        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="refine") from None
     budget = Refinement() if refinement is None else refinement
     coded = coding.planes, coding.step_qp, Crew(tools.threads).map
     steps, seconds = budget.steps, budget.seconds
@@ -117,10 +113,8 @@ def sparse(
     gaussians: Gaussians, targets: Sequence[Target], budget: Refinement | None, count: int, tools: Tools, told: Told
 ) -> Gaussians:
     """A list of at most so many Gaussians that shows pictures of a capture; see `sparse.train.trained`."""
-    try:
+    with fast_for("at_most"):
         from ..sparse.train import TrainStats, trained
-    except ImportError as error:
-        raise InputError(f'needs {error.name}; pip install "tinysplat[fast]" brings it', where="at_most") from None
     stats, budget = TrainStats(), budget or Refinement()
     steps, seconds = budget.steps, budget.seconds
     found = trained(
