@@ -136,8 +136,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         for pair, camera in zip(nearest, cameras, strict=True)
     ]
     yield row("own pair", 2, COMPARED, to_photos(pairs, capture.targets))
-    shown = given.views(pair[0] for pair in nearest).resized(*drawn_at(run))
-    yield row("nearest photo", 1, COMPARED, to_photos(shown.images(), capture.targets))
+    shown = (given.views(pair[:1]).resized(*drawn_at(run)).frames[0].image() for pair in nearest)
+    yield row("nearest photo", 1, COMPARED, to_photos(shown, capture.targets))
 
 
 def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
