@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
 from .container.limits import Limits
-from .errors import InputError, SceneWarning, warn, within
+from .errors import InputError, within
 from .gaussian.gaussians import Gaussians
 from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
@@ -26,7 +26,7 @@ from .system.jsonfields import JsonObject
 from .system.printable import type_of
 from .system.stopwatch import Stopwatch
 from .system.threads import available_cores
-from .system.told import Kind, Told
+from .system.told import Told, Warned
 
 # Modules that only some calls need are loaded by these: decoding a small file takes less time than loading the encoder.
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Runtime:
         if threads is not None and (not isinstance(threads, Integral) or threads < 1):
             raise InputError(f"{threads}, expected a whole number of 1 or more", where="threads")
         self.threads = threads or available_cores()
-        self.limits, self.told = limits or Limits(), told or _Warner()
+        self.limits, self.told = limits or Limits(), told or Warned()
         # Decoding runs the synthesis of a view on each thread; threads within would only get in each other's way.
         self.store = GraphStore(threads=1, providers=providers, models=models)
 
@@ -364,16 +364,6 @@ class Runtime:
 
         asked = self.threads if threads is None else threads
         return render_gaussians(gaussians, camera, size, dilation=dilation, order=order, threads=asked, **options)
-
-
-class _Warner(Told):
-    """Doubts become warnings."""
-
-    listens = True
-
-    def say(self, kind: Kind, text: str, where: StrPath = "") -> None:
-        if kind == "doubt":
-            warn(f"{where}: {text}", SceneWarning)
 
 
 def _check(value: object, kinds: type | UnionType, where: str, expected: str) -> None:

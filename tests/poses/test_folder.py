@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from scenes import make_cameras, make_photo, refusing
 
+from tinysplat.poses.copies import encoded, upright_copies
 from tinysplat.poses.folder import write_folder
-from tinysplat.poses.placing import encoded, upright_copies
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.intake.layouts import load_scene

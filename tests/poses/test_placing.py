@@ -10,16 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from poses.walls import textured, write_photos_of_walls
 
-from tinysplat.poses.placing import (
-    MASKS,
-    Placement,
-    coloured_points,
-    contradicted,
-    copies,
-    pairs_of_many,
-    place,
-    shared_features,
-)
+from tinysplat.poses.copies import copies
+from tinysplat.poses.judging import Placement, contradicted
+from tinysplat.poses.model import coloured_points
+from tinysplat.poses.pairs import pairs_of_many, shared_features
+from tinysplat.poses.placing import MASKS, place
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 

@@ -13,21 +13,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat.poses.copies import copies, encoded, upright_copies
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
+from tinysplat.poses.judging import Placement
+from tinysplat.poses.model import coloured_points, placed_photos
 from tinysplat.poses.panoramas import FACES, Wedge, check_shape, face, kept, says_panorama, side_of
-from tinysplat.poses.placing import (
-    ENOUGH,
-    MASKS,
-    NonePlacedError,
-    Placement,
-    coloured_points,
-    copies,
-    encoded,
-    place,
-    placed_photos,
-    upright_copies,
-)
+from tinysplat.poses.placing import MASKS, NonePlacedError, place
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic
@@ -50,6 +42,9 @@ HELP = "camera poses of photos or a video, as a scene folder"
 NEEDS = ("pycolmap",)
 
 KINDS = ", ".join(VIDEOS)
+
+ENOUGH = 2 / 3
+"""Share of a video's frames, or of photos, that have to be placed."""
 
 SPARED = 0.1
 """Of a video's frames, that may be missing before more are added."""

@@ -29,7 +29,7 @@ from tinysplat_runtime.system.files import write_atomically
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.told import NOBODY, Told
 
-from .placing import encoded
+from .copies import encoded
 
 MOST_PIXELS = 4_000_000
 """Of a photo that is kept as large as it is: trainers take photos 1,600 pixels wide, and `encode` smaller ones."""
@@ -52,7 +52,7 @@ def write_folder(
     Args:
         output: the folder, new or empty.
         photos: where the photos are, upright as stored.
-        entries: what `placing.placed_photos` says of each.
+        entries: what `model.placed_photos` says of each.
         depths: near and far, None where they are unknown.
         points: of the surfaces.
         masks: of photos, by their names; what is transparent stays so, others are written beside the photos.

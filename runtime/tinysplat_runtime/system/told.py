@@ -11,6 +11,8 @@ from os import PathLike
 from threading import Lock
 from typing import Any, Literal, TypeVar
 
+from ..errors import SceneWarning, warn
+
 T = TypeVar("T")
 
 Kind = Literal["step", "notice", "doubt", "done"]
@@ -89,3 +91,13 @@ class Told:
 
 
 NOBODY = Told()
+
+
+class Warned(Told):
+    """Doubts become warnings."""
+
+    listens = True
+
+    def say(self, kind: Kind, text: str, where: str | PathLike[str] = "") -> None:
+        if kind == "doubt":
+            warn(f"{where}: {text}", SceneWarning)
