@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from networks.two_planes import trace, write_traced
+from networks.two_planes import FAR, NEAR, trace, write_traced
 from scenes import Heard, make_smooth_gaussians, psnr, refusing, tells, write_scene
 
 import tinysplat_runtime as ts
@@ -193,3 +193,15 @@ def test_what_only_a_tsplat_file_has_is_refused_of_a_list_and_the_reverse(
 def test_few_photos_become_no_list(many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["encode", str(many), "-o", str(tmp_path / "two.spz"), "--views", "0,3", "--size", "64x48"]) == 2
     assert tells(capsys.readouterr().err, "2 6 decode")
+
+
+def test_a_capture_with_a_photo_of_another_scene_is_the_capture_without_it(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    traced = trace(8, 48, 64, spacing=0.12, subpixels=1)
+    traced.images[3] = np.random.default_rng(0).uniform(size=(6, 8, 3)).repeat(8, axis=0).repeat(8, axis=1)
+    scene = ts.load_scene(write_traced(tmp_path, traced, depths=(NEAR, FAR)))
+    heard, kept = Heard(), [0, 1, 2, 4, 5, 6, 7]
+    coded = encode(EncodeRequest(scene, views="all", refine=1), RUNTIME, heard)
+    assert coded.photos.cameras == scene.views(kept).cameras and any(tells(line, "0003.png") for line in heard.lines)
+    assert [*heard.steps, "comparing photos"] == heard.planned  # again, from what is left
+    assert coded.data == encode(EncodeRequest(scene, views=kept, refine=1), RUNTIME).data

@@ -49,13 +49,18 @@ def ahead(way: Way, request: EncodeRequest, photos: int, budget: Refinement | No
         budget: of refinement or training; None for neither.
         is_coded: whether a file of it is coded, and compared with photos.
     """
+    agreed = AGREED if budget else []
+    return [*CHECKS, *way.steps, *agreed, *chosen_from_gaussians(request, photos, budget, is_coded=is_coded)]
+
+
+def chosen_from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:
+    """The steps after the network, with the choice of a mode; arguments as above."""
     choosing: Steps = []
     if request.mode == EITHER:
         from .contest import STEPS  # needs numba
 
         choosing = [*refined(None), *_trained(photos, STEPS)]
-    agreed = AGREED if budget else []
-    return [*CHECKS, *way.steps, *agreed, *choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
+    return [*choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
 
 
 def from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:

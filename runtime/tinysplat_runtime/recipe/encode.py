@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 from ..codec.job import EncodeStats, PhotoScene
 from ..codec.modes import DEFAULT_MODE, EITHER, LIST, PHOTOS
+from ..errors import InputError
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
+from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.ways import Way
 from ..refine.stats import RefineStats
@@ -18,7 +20,7 @@ from ..scene.scenes import Scene
 from ..system import printable
 from ..system.told import NOBODY, Told
 from .request import Coding, CompressRequest, EncodeRequest
-from .stages import Pruning, Tools, agreeing, code, code_photos, refine, sparse
+from .stages import Pruning, Tools, code, code_photos, others, refine, sparse, strange
 from .words import Refinement
 
 LIST_QP = -6.0
@@ -119,22 +121,31 @@ class _Made:
 
 def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
     """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
-    from .ahead import ahead, from_gaussians
+    from .ahead import ahead, chosen_from_gaussians, from_gaussians
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
     from .refinement import chosen
 
-    scene, is_whole = prepared(request, told), request.mode == PHOTOS
-    way = Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
+    scene = prepared(request, told)
+    way = _way(request, scene, tools)
     request, refinement = chosen(request, scene, way, told)
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
     photos = len(scene.frames)
     told.plan(ahead(way, request, photos, refinement, is_coded=is_coded))
-    gaussians, doubted = _predicted(request, scene, way, told, stats)
-    if refinement:
-        gaussians, out = _agreeing(gaussians, scene, lambda view: name_of(scene.frames[view]), tools, told, stats)
-        if out:
-            scene = scene.views([view for view in range(len(scene.frames)) if view not in out])
+    doubted = _doubted(scene, told)
+    gaussians = _predicted(request, scene, way, told, stats)
+    if refinement and (out := _strange(gaussians, scene, lambda view: name_of(scene.frames[view]), tools, told, stats)):
+        left = others(photos, out)
+        scene, photos = scene.views(left), len(left)
+        way = _way(request, scene, tools)
+        told.plan([*way.steps, *chosen_from_gaussians(request, photos, refinement, is_coded=is_coded)])
+        try:  # again, as what they show has misled the network about their neighbours
+            gaussians = _predicted(request, scene, way, told, stats)
+        except InputError:  # a photo that had something in common with these alone
+            gaussians = select_views(gaussians, left)
+    if request.save_gaussians is not None:
+        for loss in save_gaussians(request.save_gaussians, gaussians):
+            told.say("notice", loss, request.save_gaussians)
     if request.mode == EITHER:
         from .contest import contest
 
@@ -155,34 +166,39 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     return _Made(gaussians, request, scene, doubted, refined)
 
 
-def _agreeing(
+def _strange(
     gaussians: Gaussians, scene: Scene, name: Callable[[int], str], tools: Tools, told: Told, stats: EncodeStats
-) -> tuple[Gaussians, tuple[int, ...]]:
-    """`stages.agreeing`, which says what it leaves out, by `name` of a view."""
+) -> tuple[int, ...]:
+    """`stages.strange`, which says what is left out, by `name` of a view."""
     with stats.watch.stage("agree"):
-        gaussians, out = agreeing(gaussians, scene, tools, told)
+        out = strange(gaussians, scene, tools, told)
     if out:
         names = printable.listed([name(view) for view in out])
         told.say("doubt", f"left out {names}: the other photos contradict what it shows", scene.path)
-    return gaussians, out
+    return out
 
 
-def _predicted(
-    request: EncodeRequest, scene: Scene, way: Way, told: Told, stats: EncodeStats
-) -> tuple[Gaussians, tuple[str, ...]]:
-    """What a network makes of photos, written too where that is asked for; and doubts."""
+def _doubted(scene: Scene, told: Told) -> tuple[str, ...]:
+    """What is likely wrong with a scene, said too; nothing where nobody listens."""
     from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
 
     doubted = doubts(scene, told) if told.listens else []
     for text in doubted:
         told.say("doubt", text, scene.path)
+    return tuple(doubted)
+
+
+def _way(request: EncodeRequest, scene: Scene, tools: Tools) -> Way:
+    """Through the network that was asked for."""
+    is_whole = request.mode == PHOTOS
+    return Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
+
+
+def _predicted(request: EncodeRequest, scene: Scene, way: Way, told: Told, stats: EncodeStats) -> Gaussians:
+    """What a network makes of photos, with notes."""
     told.say("step", "opening the network")
     gaussians = way.predicted(scene, stats.watch, told)
-    gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
-    if request.save_gaussians is not None:
-        for loss in save_gaussians(request.save_gaussians, gaussians):
-            told.say("notice", loss, request.save_gaussians)
-    return gaussians, tuple(doubted)
+    return gaussians.with_notes(replace(gaussians.notes, **request.notes))
 
 
 def compress(
@@ -207,7 +223,8 @@ def compress(
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
         told.plan([*AGREED, *refined(request.refine), *coded(gaussians)])
-        gaussians, _ = _agreeing(gaussians, scene, "view {}".format, tools, told, stats)
+        if out := _strange(gaussians, scene, "view {}".format, tools, told, stats):
+            gaussians = select_views(gaussians, others(len(gaussians.cameras), out))
         gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
     told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)

@@ -6,7 +6,7 @@ Each is given `Tools`, which a `Runtime` is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol, TypeAlias
@@ -64,11 +64,8 @@ class Tools(Protocol):
     limits: Limits
 
 
-def agreeing(
-    gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBODY
-) -> tuple[Gaussians, tuple[int, ...]]:
-    """The Gaussians of those views whose photos the others do not contradict, and which views are left out; see
-    `refine.strangers`.
+def strange(gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBODY) -> tuple[int, ...]:
+    """Views whose photos the others contradict; see `refine.strangers`.
 
     Args:
         gaussians: per pixel, of two views or more.
@@ -84,10 +81,20 @@ def agreeing(
         from ..render.gradient import MovableGaussians
         from ..sparse.pictures import photos_of
     photos = photos_of(gaussians, scene)
-    out = strangers(MovableGaussians(gaussians, Crew(tools.threads).map), photos, told)
-    if not out:
-        return gaussians, out
-    return select_views(gaussians, [view for view in range(len(gaussians.cameras)) if view not in out]), out
+    return strangers(MovableGaussians(gaussians, Crew(tools.threads).map), photos, told)
+
+
+def agreeing(
+    gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBODY
+) -> tuple[Gaussians, tuple[int, ...]]:
+    """The Gaussians of views that are not `strange`, and which are; arguments and errors as there."""
+    out = strange(gaussians, scene, tools, told)
+    return select_views(gaussians, others(len(gaussians.cameras), out)) if out else gaussians, out
+
+
+def others(count: int, out: Collection[int]) -> list[int]:
+    """Of so many views those that are not left out."""
+    return [view for view in range(count) if view not in out]
 
 
 def refine(
