@@ -24,7 +24,10 @@ export function walk(views, depth) {
   return order;
 }
 
-const apart = (a, b, depth) => Math.hypot(length(add(a.position, b.position, -1)) / depth, TURN * length(add(a.rotation[2], b.rotation[2], -1)));
+// The way from b to a, six numbers: of places in depths, and of directions times `turn`.
+const wayTo = (a, b, depth, turn) => [...scaled(add(a.position, b.position, -1), 1 / depth), ...scaled(add(a.rotation[2], b.rotation[2], -1), turn)];
+const product = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
+const apart = (a, b, depth) => Math.hypot(...wayTo(a, b, depth, TURN));
 
 function joined(views, depth) {
   if (views.length === 1) return [[0, 0]];
@@ -40,12 +43,10 @@ function joined(views, depth) {
 
 // The view that lies where a camera has been pulled to from its foot on the hull, the nearest of those that do; -1 where none does.
 export function onward(views, depth, camera, foot) {
-  const from = scaled(add(camera.position, foot.position, -1), 1 / depth), turned = scaled(add(camera.rotation[2], foot.rotation[2], -1), TURN);
-  const wanted = [...from, ...turned], size = Math.hypot(...wanted);
+  const wanted = wayTo(camera, foot, depth, TURN), size = Math.hypot(...wanted);
   let least = Infinity, found = -1;
   views.forEach((view, v) => {
-    const way = [...scaled(add(view.position, foot.position, -1), 1 / depth), ...scaled(add(view.rotation[2], foot.rotation[2], -1), TURN)], far = Math.hypot(...way);
-    const along = way.reduce((sum, value, k) => sum + value * wanted[k], 0);
+    const way = wayTo(view, foot, depth, TURN), far = Math.hypot(...way), along = product(way, wanted);
     if (along > ALONG * far * size && far > LEAST_STEP && (far * far) / along < least) [least, found] = [(far * far) / along, v];
   });
   return found;
@@ -68,14 +69,13 @@ export class Bound {
   }
 
   // The pose on the hull, which is made of ways between views, that is nearest to a camera.
-  foot({ position, rotation }) {
+  foot(camera) {
     let least = Infinity, found;
     for (const [i, j] of this.edges) {
       const [a, b] = [this.views[i], this.views[j]];
-      const way = add(b.position, a.position, -1), turn = scaled(add(b.rotation[2], a.rotation[2], -1), TIE * this.depth);
-      const off = add(position, a.position, -1), turned = scaled(add(rotation[2], a.rotation[2], -1), TIE * this.depth);
-      const t = clamp((dot(way, off) + dot(turn, turned)) / (dot(way, way) + dot(turn, turn) || 1), 0, 1);
-      const far = Math.hypot(length(add(off, way, -t)), length(add(turned, turn, -t)));
+      const way = wayTo(b, a, this.depth, TIE), off = wayTo(camera, a, this.depth, TIE);
+      const t = clamp(product(way, off) / (product(way, way) || 1), 0, 1);
+      const far = Math.hypot(...off.map((value, k) => value - t * way[k]));
       if (far < least) [least, found] = [far, [a, b, t]];
     }
     return poseBetween(...found);

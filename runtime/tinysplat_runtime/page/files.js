@@ -36,15 +36,21 @@ export const heldIn = (bytes) => ({
   read: async (offset, length) => new Uint8Array(await (bytes.arrayBuffer ? bytes.slice(offset, offset + length).arrayBuffer() : bytes.subarray(offset, offset + length))),
 });
 
+// What bytes say of their file; undefined where they do not describe it, of which who reads the whole says what is wrong.
+export function described(inspect, bytes) {
+  try {
+    return inspect(bytes);
+  } catch (error) {
+    if (error.name !== "TsplatError") throw error;
+    return undefined;
+  }
+}
+
 // What a source's first bytes say of the file, if it is a capture whose views may be read one by one.
 export async function captureIn({ read }, inspect, few) {
   for (const length of HEADS) {
-    try {
-      const about = inspect(await read(0, length));
-      return about.cameras.length > few && about.parts.length > 0 ? about : undefined;
-    } catch (error) {
-      if (error.name !== "TsplatError") throw error; // what is wrong is said by who reads the whole
-    }
+    const about = described(inspect, await read(0, length));
+    if (about) return about.cameras.length > few && about.parts.length > 0 ? about : undefined;
   }
   return undefined;
 }

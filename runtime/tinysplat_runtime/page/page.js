@@ -1,7 +1,7 @@
 // Puts the page together: its scene, its panel and its words.
 import { Capture } from "./capture.js";
 import { makeCloud } from "./cloud.js";
-import { bytesByUse, captureIn, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
+import { bytesByUse, captureIn, described, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
 import { frontView } from "./front.js";
 import { FEW } from "./near.js";
 import { sceneOf, viewOf } from "./scene.js";
@@ -145,14 +145,6 @@ const isGrey = ({ sh, degree, count }) => {
   for (let i = 0, stride = 3 * (degree + 1) ** 2; i < count; i += 1 + (count >> 10)) if (Math.abs(sh[stride * i] - sh[stride * i + 1]) + Math.abs(sh[stride * i] - sh[stride * i + 2]) > 0.01) return false;
   return true;
 };
-
-function isCut(decoder, bytes) {
-  try {
-    return decoder.inspect(bytes).bytes > bytes.length;
-  } catch {
-    return false; // not even its description is there
-  }
-}
 
 const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => sum + bytes.length, 0) || 1;
 
@@ -320,8 +312,8 @@ class Page {
     } catch (error) {
       const bytes = await held();
       received = bytes.length;
-      if (error.name !== "TsplatError" || !isCut(this.decoder, bytes)) throw error;
-      about ??= this.decoder.inspect(bytes);
+      about ??= described(this.decoder.inspect, bytes);
+      if (error.name !== "TsplatError" || !about || about.bytes <= bytes.length) throw error;
       show(await this.decoder.decode(bytes, { ...options, maxBytes: received }), true);
       this.#say(`This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}. This is what they show.`);
     }

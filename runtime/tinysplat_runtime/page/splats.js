@@ -237,14 +237,20 @@ function program(gl, vertex, fragment) {
 
 const WORDS = { 1: ["R32UI", "RED_INTEGER"], 2: ["RG32UI", "RG_INTEGER"], 4: ["RGBA32UI", "RGBA_INTEGER"] };
 
+// A texture whose texels are read one by one.
+function plainTexture(gl, inner, width, height) {
+  const texture = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, inner, width, height);
+  return texture;
+}
+
 // A texture of at least `count` texels of `words` whole numbers each, filled row by row with `data` if there are any.
 function dataTexture(gl, count, words, data) {
   const height = Math.max(1, Math.ceil(count / TEXTURE_WIDTH)), limit = gl.getParameter(gl.MAX_TEXTURE_SIZE);
   if (height > limit) throw new Error(`more Gaussians than this device's textures hold (${height} rows, at most ${limit})`);
-  const texture = gl.createTexture(), [inner, format] = WORDS[words].map((name) => gl[name]);
-  gl.bindTexture(gl.TEXTURE_2D, texture);
-  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, inner, TEXTURE_WIDTH, height);
+  const [inner, format] = WORDS[words].map((name) => gl[name]), texture = plainTexture(gl, inner, TEXTURE_WIDTH, height);
   if (data) fill(gl, data, words, format);
   return texture;
 }
@@ -255,14 +261,6 @@ function fill(gl, data, words, format) {
   const put = (y, width, height, part) => gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, y, width, height, format, gl.UNSIGNED_INT, part);
   if (rows) put(0, TEXTURE_WIDTH, rows, data.subarray(0, rows * row));
   if (rest.length) put(rows, rest.length / words, 1, rest);
-}
-
-function floatTexture(gl, width) { // four floats a texel, one row
-  const texture = gl.createTexture();
-  gl.bindTexture(gl.TEXTURE_2D, texture);
-  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, width, 1);
-  return texture;
 }
 
 // How many Gaussians are drawn at once at most: all, or of a capture those of the nearest views, and coarse surfaces.
@@ -333,12 +331,11 @@ export class Splats {
     };
     cloud.geometry = cloud.colours = null; // the textures have them
     this.records = { shapes: dataTexture(gl, this.most, 4), paints: dataTexture(gl, this.most, 4) };
-    this.shares = floatTexture(gl, cloud.viewCount + 1);
+    this.shares = plainTexture(gl, gl.RGBA32F, cloud.viewCount + 1, 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
     Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
     gl.drawBuffers(places);
-    this.lineArray = null;
     this.#startSorter();
   }
 

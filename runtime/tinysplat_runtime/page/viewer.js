@@ -31,7 +31,7 @@ export class Viewer {
       back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
     }, isEmbedded);
     this.isSwinging = !isBare && !isStill;
-    new ResizeObserver(() => this.fit()).observe(canvas);
+    new ResizeObserver(() => { this.isDirty = true; }).observe(canvas);
     requestAnimationFrame((now) => this.#frame(now));
   }
 
@@ -57,7 +57,7 @@ export class Viewer {
     this.time = STEP_SECONDS * this.order.indexOf(first);
     this.hasShown = this.hasMoved = false;
     this.wanted = this.flight = null;
-    this.fit();
+    this.isDirty = true;
     this.#set(views[first], true);
     this.hasMoved = this.isOld = false;
   }
@@ -95,9 +95,7 @@ export class Viewer {
 
   get mover() { return this.isFree || !this.near ? this.free : this.near; }
 
-  // The canvas takes its new size when it is drawn next, as that empties it.
-  fit() { this.isDirty = true; }
-
+  // The canvas takes its new size when it is drawn, as that empties it.
   #resize() {
     const { canvas } = this, ratio = this.isBare ? 1 : Math.min(devicePixelRatio, MOST_RATIO);
     const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * ratio)));

@@ -23,7 +23,7 @@ export function decodingBytes(layer) {
 }
 
 /**
- * Largest magnitude that a class's records can add up to, by target.
+ * Largest magnitude that a class's records can add up to, by target, of those that it has.
  *
  * @param {Layer} layer
  * @param {number} planeClass
@@ -61,9 +61,9 @@ export function checkRanges(layer, origin, where) {
   const reach = CLASS_NAMES.map((_, planeClass) => largest(layer, planeClass));
   CLASS_NAMES.forEach((name, planeClass) => {
     const bound = planeClass === ROTATION ? MAX_ROTATION : MAX_DECODED;
-    requireBound(Math.max(0, ...reach[planeClass].filter(isNumber)), bound, name, where);
+    requireBound(Math.max(0, ...Object.values(reach[planeClass])), bound, name, where);
   });
-  let scale = Math.max(0, ...reach[SCALE].filter(isNumber));
+  let scale = Math.max(0, ...Object.values(reach[SCALE]));
   const { mix, basis, k } = layer;
   if (mix) {
     const rows = [0, 1, 2].map((i) => {
@@ -90,9 +90,4 @@ export function checkRanges(layer, origin, where) {
     const away = Math.hypot(c2w[3] - origin[0], c2w[7] - origin[1], c2w[11] - origin[2]);
     requireBound((x + y + 1) * Math.max(layer.zMax, 1) + away, MAX_DECODED, "means", where);
   }
-}
-
-/** @param {number | undefined} value */
-function isNumber(value) {
-  return value !== undefined;
 }

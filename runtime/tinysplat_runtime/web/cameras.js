@@ -2,26 +2,14 @@
 
 /** @typedef {import("./cursor.js").Cursor} Cursor */
 
-export const MAX_SIDE = 1 << 16;
+const MAX_SIDE = 1 << 16;
 const MAX_POSITION = 1e15;
 const MIN_FOCAL = 1e-6;
 const MAX_INTRINSIC = 1e9;
 const ROTATION_TOLERANCE = 1e-3;
 const POLAR_STEPS = 5;
 
-/**
- * A pinhole camera with OpenCV's axes: x right, y down, z forward; the first pixel's centre lies at (0.5, 0.5).
- *
- * @typedef {object} Camera
- * @property {number} width in pixels
- * @property {number} height
- * @property {number} fx in pixels
- * @property {number} fy
- * @property {number} cx
- * @property {number} cy
- * @property {number} skew
- * @property {Float64Array} c2w camera to world, 4 × 4 row by row
- */
+/** @typedef {import("./tsplat.js").Camera} Camera */
 
 /**
  * Numbers by view, column by column, of which nothing is known yet: FORMAT.md, "Columns".
@@ -53,8 +41,7 @@ export function readCameras(cursor, count) {
   return Array.from({ length: count }, (_, view) => {
     const numbers = numbersOf(view);
     const [width, height] = numbers.slice(5, 7);
-    const isSize = [width, height].every((side) => Number.isInteger(side) && side >= 1 && side <= MAX_SIDE);
-    cursor.require(isSize, `view ${view}: a picture of ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
+    requireSides(cursor, height, width);
     return { ...intrinsicsOf(cursor, numbers), c2w: poseOf(cursor, numbers.slice(7)), width, height };
   });
 }
@@ -110,6 +97,12 @@ function poseOf(cursor, numbers) {
   const deviation = Math.max(...product.map((entry, i) => Math.abs(entry - (i % 4 === 0 ? 1 : 0))));
   cursor.require(deviation <= ROTATION_TOLERANCE && determinant(R) >= 0, "a camera's pose is no rotation");
   return c2w;
+}
+
+/** @param {Cursor} cursor @param {number} height of a picture or grid @param {number} width */
+export function requireSides(cursor, height, width) {
+  const fits = [height, width].every((side) => Number.isInteger(side) && side >= 1 && side <= MAX_SIDE);
+  cursor.require(fits, `${width}x${height}, sides are 1 to ${MAX_SIDE}`);
 }
 
 /** @param {Cursor} cursor @param {Float64Array | number[]} position */

@@ -18,21 +18,11 @@ const FEW_GAUSSIANS = 1 << 20;
 /** Of a picture's size and how it is coded: some 80 bytes say it. */
 const MAX_SET_BYTES = 1024;
 
-/**
- * What a reader accepts before it takes memory.
- *
- * @typedef {object} Limits
- * @property {number} maxPixels Gaussians over all views and layers that are decoded
- * @property {number} maxMemory bytes that decoding takes
- * @property {number} maxViews that are decoded
- * @property {number} maxLayers
- * @property {number} maxPerByte Gaussians that are decoded for each byte at hand, beyond the first million
- */
+/** @typedef {import("./tsplat.js").Limits} Limits */
+/** @typedef {import("./tsplat.js").Scene["mode"]} Mode */
 
 /** @type {Limits} */
 export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: MAX_VIEWS, maxLayers: 16, maxPerByte: Infinity };
-
-/** @typedef {"gaussians" | "photos" | "lossless" | "list"} Mode */
 
 /** Sections that a file of any mode may have. */
 const SHARED = ["SCEN", "NOTE", "PICT", "DATA", "CAMS"];

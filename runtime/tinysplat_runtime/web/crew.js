@@ -44,19 +44,17 @@ function nodeModule(name) {
   return isNode ? host.process.getBuiltinModule?.(`node:${name}`) : undefined;
 }
 
-/** Decoders with what they were made from: files have one or two. @type {{ made: Job, decoder: PictureDecoder }[]} */
-const decoders = [];
+/** Decoders by what they were made from: files have one or two. @type {Map<string, PictureDecoder>} */
+const decoders = new Map();
 
 /** A decoder for pictures like a job's. @param {Job} job */
-function decoderOf(job) {
-  const { sets, codedWidth, codedHeight, chroma, bits } = job;
-  const known = decoders.find(({ made }) =>
-    made.codedWidth === codedWidth && made.codedHeight === codedHeight && made.chroma === chroma && made.bits === bits &&
-    made.sets.length === sets.length && made.sets.every((byte, i) => byte === sets[i]));
-  if (known) return known.decoder;
-  if (decoders.length >= 4) decoders.length = 0;
+function decoderOf({ sets, codedWidth, codedHeight, chroma, bits }) {
+  const key = [codedWidth, codedHeight, chroma, bits, sets].join();
+  const known = decoders.get(key);
+  if (known) return known;
+  if (decoders.size >= 4) decoders.clear();
   const decoder = new PictureDecoder(sets, codedWidth, codedHeight, chroma, bits);
-  decoders.push({ made: { ...job, data: new Uint8Array() }, decoder });
+  decoders.set(key, decoder);
   return decoder;
 }
 

@@ -5,34 +5,20 @@ import { TsplatError, require } from "./errors.js";
 import { decodeExact } from "./exact.js";
 import { checkPrediction, codedSide, joinGroups, photoPixels } from "./photos.js";
 import { Synthesis, hidingRecord, newArrays, standInCode } from "./synthesis.js";
-import { channelName, checkCrc, held } from "./table.js";
-import { decodeList, listShape, tiersShown } from "./tiers.js";
+import { channelName, held, intact } from "./table.js";
+import { decodeTier, listShape, tiersShown } from "./tiers.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
 /** @typedef {import("./container.js").Container} Container */
 /** @typedef {import("./table.js").Channel} Channel */
-/** @typedef {import("./photos.js").Prediction} Prediction */
+/** @typedef {import("./tsplat.js").Prediction} Prediction */
 /** @typedef {import("./synthesis.js").Arrays} Arrays */
 
 const PLANE_BITS = 12;
 const PHOTO_BITS = 10;
 
-/**
- * What a network is asked for.
- *
- * @typedef {object} NetworkRequest
- * @property {Float32Array[]} photos RGB in [0, 1], pixel by pixel
- * @property {number} width of every photo
- * @property {number} height
- * @property {Camera[]} cameras
- * @property {number} near
- * @property {number} far
- * @property {string} name of the network
- * @property {string} sha256 of its ONNX file
- */
-
-/** @typedef {{ views: number, height: number, width: number, count: number, offset: number, degree: number, cameras: Camera[] }} LayerShape */
-
+/** @typedef {import("./tsplat.js").NetworkRequest} NetworkRequest */
+/** @typedef {import("./tsplat.js").LayerShape} LayerShape */
 /** @typedef {Arrays & { origin: ArrayLike<number>, cameras: Camera[], viewpoints?: Camera[], layers: LayerShape[], missing: string[] }} Decoded */
 
 /** Decodes a container's pictures, each once. */
@@ -55,34 +41,25 @@ export class Pictures {
   }
 
   /**
+   * Whether a picture is at hand, and intact where what is damaged counts as absent.
+   *
+   * @param {import("./table.js").Stream} stream
+   */
+  has(stream) {
+    const data = held(stream);
+    return data !== undefined && !(this.recovers && crc32(data) !== stream.crc);
+  }
+
+  /**
    * A picture's bytes, their CRC checked; undefined where they are not at hand.
    *
    * @param {import("./table.js").Stream} stream
    * @param {string} name
    */
   checked(stream, name) {
-    const data = held(stream);
-    try {
-      if (data) {
-        checkCrc(data, stream, name);
-        return data;
-      }
-    } catch (error) {
-      if (!this.recovers) throw error;
-    }
+    if (this.has(stream)) return intact(stream, name);
     this.missing.push(name);
     return undefined;
-  }
-
-  /**
-   * Whether a channel's only picture is absent.
-   *
-   * @param {Pick<Channel, "isCoded" | "streams">} channel
-   */
-  lacks({ isCoded, streams }) {
-    if (!isCoded) return false;
-    const data = held(streams[0]);
-    return data === undefined || (this.recovers && crc32(data) !== streams[0].crc);
   }
 
   /**
@@ -122,14 +99,11 @@ export class Pictures {
     const { sets, photos } = this.file;
     if (!photos) throw new TsplatError("no photos", "file");
     const { height, width, streams, set } = photos;
-    const bytes = held(streams[view]);
     const where = `photo ${view}`;
-    if (!bytes) throw new TsplatError("cut short", where);
-    checkCrc(bytes, streams[view], where);
     const planes = await crew.run(
       {
-        sets: /** @type {Uint8Array} */ (sets.get(set)), data: bytes, width, height, codedWidth: codedSide(width),
-        codedHeight: codedSide(height), chroma: 1, bits: PHOTO_BITS, where,
+        sets: /** @type {Uint8Array} */ (sets.get(set)), data: intact(streams[view], where), width, height,
+        codedWidth: codedSide(width), codedHeight: codedSide(height), chroma: 1, bits: PHOTO_BITS, where,
       },
       this.signal,
     );
@@ -163,24 +137,21 @@ function tierName(tier, channel) {
 
 /** @param {Pictures} pictures @returns {Promise<Decoded>} */
 async function decodeTiers(pictures) {
-  const { list, origin, places } = pictures.file;
+  const { list, origin, places, table } = pictures.file;
   if (!list) throw new TsplatError("no list", "file");
-  const tiers = tiersShown(list, (channel) => pictures.lacks(channel));
   const { degree } = list;
-  const { count, shown } = tiers;
-  for (const channel of pictures.file.table.rows) {
+  const { count, shown, growth } = tiersShown(list, (stream) => pictures.has(stream));
+  for (const channel of table.rows) {
     if (channel.layer >= shown.length && channel.isCoded) pictures.checked(channel.streams[0], tierName(channel.layer, channel));
   }
   const out = newArrays(count, degree);
-  const shapes = shown.map((tier) => listShape(tier.count));
-  /** @param {number} tier */
-  const positions = (tier) => {
-    const stream = shown[tier].positions;
-    checkCrc(stream.data, stream, "positions");
-    return stream.data;
-  };
-  await decodeList(list, tiers, positions, (tier, channel) =>
-    pictures.plane(tierName(tier, channel), channel.streams[0], shapes[tier], shown[tier].set), out);
+  let first = 0;
+  for (const [number, tier] of shown.entries()) {
+    const shape = listShape(tier.count);
+    await decodeTier(list, tier, growth, (channel) =>
+      pictures.plane(tierName(number, channel), channel.streams[0], shape, tier.set), out, first);
+    first += tier.count;
+  }
   const layer = { views: 0, height: 0, width: 0, count, offset: 0, degree, cameras: [] };
   return { ...out, origin, cameras: [], viewpoints: places, layers: [layer], missing: pictures.missing };
 }
@@ -211,22 +182,10 @@ async function decodeLossless(file, pause) {
 
 /** Refuse a file none of whose views of layer 0 has its depth. @param {Pictures} pictures */
 function requireDepth(pictures) {
-  const { file, recovers } = pictures;
-  const [layer] = file.layers;
-  require(file.views.length > 0, "holds no view", "file");
-  const index = hidingRecord(layer);
-  const channel = layer.channels[index];
-  if (index < 0 || !channel.isCoded) return;
-  const isThere = channel.streams.some((stream) => {
-    const data = held(stream);
-    if (!data) return false;
-    try {
-      checkCrc(data, stream, "");
-    } catch {
-      return !recovers;
-    }
-    return true;
-  });
+  const { views, layers: [layer] } = pictures.file;
+  require(views.length > 0, "holds no view", "file");
+  const channel = layer.channels[hidingRecord(layer)];
+  const isThere = !channel?.isCoded || channel.streams.some((stream) => pictures.has(stream));
   require(isThere, "holds no intact depth picture", "file");
 }
 

@@ -1,8 +1,9 @@
 /** Mode lossless: docs/FORMAT.md, "Exact planes". */
 import { widened } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
+import { chunksOf } from "./ranges.js";
 import { Synthesis } from "./synthesis.js";
-import { checkCrc, held } from "./table.js";
+import { intact } from "./table.js";
 
 /** @typedef {import("./extras.js").ExactLayer} ExactLayer */
 /** @typedef {import("./layers.js").Layer} Layer */
@@ -21,19 +22,16 @@ let halves = new Float32Array(0);
  * @param {string} where
  */
 async function inflated(bytes, length, where) {
-  const reader = new Blob([/** @type {any} */ (bytes)]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
+  const stream = new Blob([/** @type {any} */ (bytes)]).stream().pipeThrough(new DecompressionStream("deflate"));
   const out = new Uint8Array(length);
   let at = 0;
   try {
-    for (;;) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      if (at + value.length > length) throw new RangeError(`more than ${length} bytes`);
-      out.set(value, at);
-      at += value.length;
+    for await (const part of chunksOf(stream)) {
+      if (at + part.length > length) throw new RangeError(`more than ${length} bytes`);
+      out.set(part, at);
+      at += part.length;
     }
   } catch (error) {
-    void reader.cancel().catch(() => undefined);
     throw new TsplatError(`zlib: ${/** @type {Error} */ (error).message || "the stream is damaged"}`, where);
   }
   require(at === length, `zlib: ${at} bytes, expected ${length}`, where);
@@ -99,10 +97,7 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
   for (let view = 0, at = 0; view < planes[0].length; view++) {
     for (let plane = 0; plane < planes.length; plane++, at += pixels) {
       const [stream, where] = [planes[plane][view], `exact plane ${plane}, view ${view}`];
-      const bytes = held(stream);
-      if (!bytes) throw new TsplatError("cut short", where);
-      checkCrc(bytes, stream, where);
-      all.set(await unpackPlane(bytes, height, width, where), at);
+      all.set(await unpackPlane(intact(stream, where), height, width, where), at);
       await breathe();
     }
   }

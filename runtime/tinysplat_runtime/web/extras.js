@@ -1,5 +1,5 @@
 /** Sections of the modes with photos or exact planes, checked: docs/FORMAT.md, PHOT and EXAC. */
-import { MAX_SIDE, layerCameras } from "./cameras.js";
+import { layerCameras, requireSides } from "./cameras.js";
 import { require } from "./errors.js";
 import { OWN_INTRINSICS } from "./layers.js";
 import { cursor, only } from "./sections.js";
@@ -39,7 +39,7 @@ export function readPhotos({ sections, table, viewCount }) {
   const [near, far] = fields.numbers("f64", 2);
   const [height, width, format, set, groupCount] = [fields.u32(), fields.u32(), fields.u8(), fields.u8(), fields.u16()];
   fields.require(1 / MAX_DEPTH < near && near < far && far < MAX_DEPTH, `near ${near} and far ${far}`);
-  fields.require(isSide(height) && isSide(width), `photos of ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
+  requireSides(fields, height, width);
   fields.require(format === 0, `photo format ${format} is unknown`);
   const groups = readGroups(fields, groupCount, viewCount);
   fields.finish();
@@ -76,11 +76,6 @@ function readGroups(fields, groupCount, count) {
   return groups;
 }
 
-/** @param {number} side */
-function isSide(side) {
-  return side >= 1 && side <= MAX_SIDE;
-}
-
 /** @param {Container} file @param {number} index of the layer @returns {ExactLayer} */
 export function readExact(file, index) {
   const fields = cursor(only(file.sections, "EXAC", index));
@@ -88,7 +83,7 @@ export function readExact(file, index) {
   fields.take(2);
   const [zMin, zMax] = fields.numbers("f32", 2);
   const sha256 = fields.take(32);
-  fields.require(isSide(height) && isSide(width), `grid ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
+  requireSides(fields, height, width);
   fields.require(degree <= 4, `SH degree ${degree}, accepted are 0 to 4`);
   fields.require(!(flags & ~OWN_INTRINSICS), `unknown flags ${flags}`);
   fields.require(1 / MAX_DEPTH < zMin && zMin <= zMax && zMax < MAX_DEPTH, `depth limits ${zMin} to ${zMax}`);

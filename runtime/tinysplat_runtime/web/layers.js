@@ -1,5 +1,5 @@
 /** A layer's metadata: docs/FORMAT.md, LAYR. */
-import { MAX_SIDE, layerCameras, readColumns } from "./cameras.js";
+import { layerCameras, readColumns, requireSides } from "./cameras.js";
 import { cursor, only } from "./sections.js";
 import { CLASS_NAMES, DEPTH, channelName, channelsOf } from "./table.js";
 
@@ -39,8 +39,7 @@ export function readLayer(file, index) {
   const [height, width, degree, sourceDegree] = [fields.u32(), fields.u32(), fields.u8(), fields.u8()];
   const [flags, set, k] = [fields.u8(), fields.u8(), fields.u16()];
   const [zMin, zMax, lost, condition] = fields.numbers("f32", 4);
-  const fits = height >= 1 && width >= 1 && Math.max(height, width) <= MAX_SIDE;
-  fields.require(fits, `grid ${width}x${height}, sides are 1 to ${MAX_SIDE}`);
+  requireSides(fields, height, width);
   fields.require(degree <= sourceDegree && sourceDegree <= 4, `SH degree ${degree} of ${sourceDegree}`);
   fields.require(zMin > 0 && zMin <= zMax && zMax < Infinity, `depth limits ${zMin} to ${zMax}`);
   fields.require(Number.isFinite(lost) && condition > 0 && condition < Infinity, "a number is out of range");

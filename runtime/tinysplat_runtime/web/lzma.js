@@ -80,18 +80,14 @@ class Lzma2 {
         refuse();
       }
       if (control >= 0xa0) {
-        this.resetState();
+        this.probabilities.fill(HALF);
+        this.state = 0;
+        this.reps.fill(0);
       }
       this.chunk(size, packed);
     }
     if (this.at !== this.bytes.length) refuse("LZMA: bytes behind the stream's end");
     return this.out.subarray(0, this.length);
-  }
-
-  resetState() {
-    this.probabilities.fill(HALF);
-    this.state = 0;
-    this.reps.fill(0);
   }
 
   copyChunk() {

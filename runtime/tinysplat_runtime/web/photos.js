@@ -1,8 +1,6 @@
 /** Photos of mode photos: docs/FORMAT.md, PHOT. */
 import { require } from "./errors.js";
-
-/** @typedef {import("./cameras.js").Camera} Camera */
-/** @typedef {import("./synthesis.js").Arrays} Arrays */
+import { newArrays } from "./synthesis.js";
 
 const RED = 0.2126;
 const BLUE = 0.0722;
@@ -69,22 +67,8 @@ export function photoPixels(planes, height, width) {
   return out;
 }
 
-/**
- * A layer as a network gives it: per pixel, views outermost.
- *
- * @typedef {object} Predicted
- * @property {number} height of the grid
- * @property {number} width
- * @property {number} degree
- * @property {Camera[]} cameras
- * @property {Float32Array} means relative to `origin`
- * @property {Float32Array} quats
- * @property {Float32Array} scales
- * @property {Float32Array} opacities
- * @property {Float32Array} sh
- */
-
-/** @typedef {{ layers: Predicted[], origin: ArrayLike<number> }} Prediction */
+/** @typedef {import("./tsplat.js").Prediction} Prediction */
+/** @typedef {Prediction["layers"][number]} Predicted */
 
 /**
  * What a network was asked for and gave, held to each other.
@@ -96,11 +80,7 @@ export function checkPrediction(prediction, views) {
   const { layers, origin } = prediction;
   require(layers.length > 0 && origin.length === 3, "no layers", "network");
   for (const layer of layers) {
-    const count = views * layer.height * layer.width;
-    const coefficients = 3 * (layer.degree + 1) ** 2;
-    const fits =
-      layer.cameras.length === views && layer.means.length === 3 * count && layer.quats.length === 4 * count &&
-      layer.scales.length === 3 * count && layer.opacities.length === count && layer.sh.length === coefficients * count;
+    const fits = layer.cameras.length === views && fieldsOf(layer).every(([name, size]) => layer[name].length === views * size);
     require(fits, `a layer of ${layer.width}x${layer.height} whose arrays have other sizes`, "network");
   }
 }
@@ -116,7 +96,10 @@ export function checkPrediction(prediction, views) {
 export function joinGroups(found, groups, count) {
   const [{ layers, origin }] = found;
   if (found.length === 1) return found[0];
-  const joined = layers.map((layer) => ({ ...layer, cameras: Array(count), ...emptyArrays(layer, count) }));
+  const joined = layers.map((layer) => {
+    const arrays = newArrays(count * layer.height * layer.width, layer.degree);
+    return { ...layer, cameras: Array(count), ...arrays };
+  });
   found.forEach((prediction, g) => {
     const isAlike = prediction.layers.length === layers.length && prediction.layers.every((layer, i) =>
       layer.height === layers[i].height && layer.width === layers[i].width && layer.degree === layers[i].degree);
@@ -146,9 +129,4 @@ export function joinGroups(found, groups, count) {
 function fieldsOf({ height, width, degree }) {
   const pixels = height * width;
   return [["means", 3 * pixels], ["quats", 4 * pixels], ["scales", 3 * pixels], ["opacities", pixels], ["sh", 3 * (degree + 1) ** 2 * pixels]];
-}
-
-/** @param {Predicted} layer @param {number} count of views @returns {Pick<Predicted, "means" | "quats" | "scales" | "opacities" | "sh">} */
-function emptyArrays(layer, count) {
-  return /** @type {any} */ (Object.fromEntries(fieldsOf(layer).map(([name, size]) => [name, new Float32Array(count * size)])));
 }

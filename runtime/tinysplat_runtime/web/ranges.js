@@ -28,13 +28,10 @@ export function rangesOf(url, signal, silentMs = SILENT_MS) {
       require(!stated || stated.split("/")[0] === asked, `Content-Range '${stated?.slice(0, 60)}' where ${asked} were asked for`, where);
       const parts = [];
       let received = 0;
-      const reader = /** @type {ReadableStream<Uint8Array>} */ (body).getReader();
-      for (;;) {
-        const { done, value } = await reader.read();
-        if (done) break;
-        received += value.length;
+      for await (const part of chunksOf(/** @type {ReadableStream<Uint8Array>} */ (body))) {
+        received += part.length;
         require(received <= length, `the server sends more than the ${length} bytes that were asked for`, where);
-        parts.push(value);
+        parts.push(part);
         clearTimeout(timer);
         timer = setTimeout(() => gaveUp.abort(slow), silentMs);
       }
@@ -44,4 +41,18 @@ export function rangesOf(url, signal, silentMs = SILENT_MS) {
       gaveUp.abort(); // nothing more of the body is received
     }
   };
+}
+
+/** What a stream brings: not every browser iterates over one. @param {ReadableStream<Uint8Array>} stream */
+export async function* chunksOf(stream) {
+  const reader = stream.getReader();
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) return;
+      yield value;
+    }
+  } finally {
+    void reader.cancel().catch(() => undefined);
+  }
 }

@@ -3,7 +3,7 @@ import { Cursor, crc32 } from "./cursor.js";
 import { require } from "./errors.js";
 
 const MAGIC = [0x89, 0x54, 0x53, 0x50, 0x4c, 0x41, 0x54, 0x0a];
-export const HEADER_BYTES = 20;
+const HEADER_BYTES = 20;
 const ROW_BYTES = 16;
 const MAX_SECTIONS = 256;
 const REQUIRED = 1;
@@ -69,23 +69,18 @@ export function readTable(bytes, isPrefix) {
   return { version: [major, minor], total: end, sections };
 }
 
-/** Bytes of header and table. @param {Uint8Array} header */
-export function tableBytes(header) {
-  const count = header[12] + 256 * header[13];
-  require(count <= MAX_SECTIONS, `${count} sections, at most ${MAX_SECTIONS}`, "table", 12);
-  return HEADER_BYTES + ROW_BYTES * count;
-}
-
 /**
- * Bytes of the file that hold all metadata: those before its last section; undefined where `bytes` do not even hold the
- * table.
+ * How many of the file's first bytes are needed next for all of its metadata, which stand before its last section: those
+ * of the header, then with the table, then all.
  *
- * @param {Uint8Array} bytes
+ * @param {Uint8Array} bytes that are there
  */
-export function metadataBytes(bytes) {
-  if (bytes.length < HEADER_BYTES) return undefined;
-  let end = tableBytes(bytes);
-  if (bytes.length < end) return undefined;
+export function neededBytes(bytes) {
+  if (bytes.length < HEADER_BYTES) return HEADER_BYTES;
+  const count = bytes[12] + 256 * bytes[13];
+  require(count <= MAX_SECTIONS, `${count} sections, at most ${MAX_SECTIONS}`, "table", 12);
+  let end = HEADER_BYTES + ROW_BYTES * count;
+  if (bytes.length < end) return end;
   const rows = new Cursor(bytes.subarray(HEADER_BYTES, Math.max(end - ROW_BYTES, HEADER_BYTES)), "table");
   while (rows.at < rows.bytes.length) {
     rows.take(8);

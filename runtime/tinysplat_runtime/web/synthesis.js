@@ -2,7 +2,6 @@
 import { exactRotation, multiplied, quaternionOf } from "./cameras.js";
 import { COLOR, DEPTH } from "./table.js";
 
-/** @typedef {import("./cameras.js").Camera} Camera */
 /** @typedef {import("./layers.js").Layer} Layer */
 
 /** Channels of geometry: depth, offset 2, scale 3, rotation 4, opacity. */
@@ -43,22 +42,18 @@ export function newArrays(count, degree) {
   };
 }
 
-/** What turns a view's channels into Gaussians, the same for all of its pixels. */
-class ViewFrame {
-  /**
-   * @param {Layer} layer
-   * @param {number} view
-   * @param {Float64Array} origin
-   */
-  constructor(layer, view, origin) {
-    this.camera = layer.cameras[view];
-    this.rotation = exactRotation(this.camera);
-    const { c2w } = this.camera;
-    this.centre = [c2w[3] - origin[0], c2w[7] - origin[1], c2w[11] - origin[2]];
-    const own = quaternionOf(this.rotation);
-    this.quat = layer.references ? multiplied(own, layer.references[view]) : own;
-    this.focal = Math.sqrt(this.camera.fx * this.camera.fy);
-  }
+/**
+ * What turns a view's channels into Gaussians, the same for all of its pixels.
+ *
+ * @param {Layer} layer
+ * @param {number} view
+ * @param {Float64Array} origin
+ */
+function frameOf({ cameras, references }, view, origin) {
+  const camera = cameras[view], rotation = exactRotation(camera), { c2w } = camera, own = quaternionOf(rotation);
+  const centre = [c2w[3] - origin[0], c2w[7] - origin[1], c2w[11] - origin[2]];
+  const quat = references ? multiplied(own, references[view]) : own;
+  return { camera, rotation, centre, quat, focal: Math.sqrt(camera.fx * camera.fy) };
 }
 
 /**
@@ -140,7 +135,7 @@ export class Synthesis {
    */
   run(view, codes, base, height = this.layer.height) {
     const { layer } = this;
-    const frame = new ViewFrame(layer, view, this.origin);
+    const frame = frameOf(layer, view, this.origin);
     const rows = Array.from({ length: CHANNELS }, () => new Float64Array(layer.width));
     for (let row = 0; row < height; row++) {
       this.gather(codes, base, rows, row * layer.width);
@@ -175,7 +170,7 @@ export class Synthesis {
   /**
    * Steps 2 to 6 of a row of pixels.
    *
-   * @param {ViewFrame} frame
+   * @param {ReturnType<typeof frameOf>} frame
    * @param {Float64Array[]} rows
    * @param {number} y
    * @param {number} first Gaussian of the row

@@ -146,9 +146,17 @@ export function held(stream) {
   return stream.data.length === stream.length ? stream.data : undefined;
 }
 
-/** @param {Uint8Array} data @param {Stream} stream @param {string} what */
-export function checkCrc(data, stream, what) {
-  if (crc32(data) !== stream.crc) throw new TsplatError("CRC differs: the bytes were altered", what, stream.end);
+/**
+ * A picture's bytes, which have to be there and intact.
+ *
+ * @param {Stream} stream
+ * @param {string} where
+ */
+export function intact(stream, where) {
+  const data = held(stream);
+  if (!data) throw new TsplatError("cut short", where);
+  if (crc32(data) !== stream.crc) throw new TsplatError("CRC differs: the bytes were altered", where, stream.end);
+  return data;
 }
 
 /**

@@ -3,7 +3,7 @@ import { Cursor } from "./cursor.js";
 import { require } from "./errors.js";
 import { DETERMINING, MAX_LOG, orderOf } from "./list.js";
 import { POSITIONS, unpackLzma2 } from "./lzma.js";
-import { COLOR, ROTATION, channelName } from "./table.js";
+import { COLOR, ROTATION, channelName, intact } from "./table.js";
 
 /** @typedef {import("./list.js").TierChannel} TierChannel */
 /** @typedef {import("./list.js").List} List */
@@ -22,19 +22,6 @@ const PARTS = Uint8Array.from({ length: 256 }, (_, byte) => {
 });
 
 /**
- * The streams of a tier's positions.
- *
- * @param {Uint8Array} bytes
- */
-function pointStreams(bytes) {
-  const fields = new Cursor(bytes, POSITIONS);
-  const lengths = Array.from({ length: GROUPS + 2 }, () => fields.u32());
-  const streams = lengths.map((length) => fields.take(length));
-  fields.finish();
-  return streams;
-}
-
-/**
  * Cells of the points, in their order: x, y and z of each.
  *
  * @param {Tier} tier
@@ -42,7 +29,10 @@ function pointStreams(bytes) {
  */
 function decodeCells(tier, positions) {
   const { levels, leaves } = tier;
-  const streams = pointStreams(positions);
+  const fields = new Cursor(positions, POSITIONS);
+  const lengths = Array.from({ length: GROUPS + 2 }, () => fields.u32());
+  const streams = lengths.map((length) => fields.take(length));
+  fields.finish();
   const total = levels.reduce((sum, size) => sum + size, 0);
   const bytes = streams.slice(0, GROUPS).map((stream) => unpackLzma2(stream, total));
   const found = bytes.reduce((sum, stream) => sum + stream.length, 0);
@@ -224,13 +214,12 @@ function channelValues(channel, plane, { rows, gains }, count) {
  * How many Gaussians of a file are shown, and which tiers those are.
  *
  * @param {List} scene
- * @param {(channel: { isCoded: boolean, streams: import("./table.js").Stream[] }) => boolean} lacks whether a channel's
- *   bytes are not at hand
+ * @param {(stream: import("./table.js").Stream) => boolean} has whether a picture is at hand
  */
-export function tiersShown(scene, lacks) {
+export function tiersShown(scene, has) {
   const isShown = scene.tiers.map(({ positions, channels }, number) => {
-    const isWhole = channels.every((channel) => channel.planeClass === ROTATION || !lacks(channel));
-    return !lacks({ isCoded: true, streams: [positions] }) && (number === 0 || isWhole);
+    const needed = channels.filter((channel) => channel.isCoded && channel.planeClass !== ROTATION);
+    return has(positions) && (number === 0 || needed.every(({ streams }) => has(streams[0])));
   });
   const end = isShown.indexOf(false);
   const shown = scene.tiers.slice(0, end < 0 ? isShown.length : end);
@@ -240,40 +229,25 @@ export function tiersShown(scene, lacks) {
 }
 
 /**
- * The Gaussians of tiers, one behind the other.
+ * The Gaussians of a tier.
  *
- * @param {List} scene
- * @param {{ shown: Tier[], growth: number }} tiers
- * @param {(tier: number) => Uint8Array} positions
- * @param {(tier: number, channel: TierChannel) => Promise<Uint16Array | undefined>} decode the picture of a channel; none
- *   where it is absent
- * @param {Arrays} out
- */
-export async function decodeList(scene, { shown, growth }, positions, decode, out) {
-  let start = 0;
-  for (const [number, tier] of shown.entries()) {
-    const end = start + tier.count;
-    const part = {
-      count: tier.count, degree: out.degree, means: out.means.subarray(3 * start, 3 * end),
-      quats: out.quats.subarray(4 * start, 4 * end), scales: out.scales.subarray(3 * start, 3 * end),
-      opacities: out.opacities.subarray(start, end),
-      sh: out.sh.subarray(scene.mean.length * start, scene.mean.length * end),
-    };
-    placePoints(scene, tier.cell, decodeCells(tier, positions(number)), part.means);
-    await decodeTier(scene, tier, growth, (channel) => decode(number, channel), part);
-    start = end;
-  }
-}
-
-/**
  * @param {List} scene
  * @param {Tier} tier
  * @param {number} growth
- * @param {(channel: TierChannel) => Promise<Uint16Array | undefined>} decode
- * @param {Arrays} out
+ * @param {(channel: TierChannel) => Promise<Uint16Array | undefined>} decode the picture of a channel; none where it is
+ *   absent
+ * @param {Arrays} out of all tiers
+ * @param {number} first Gaussian of the tier
  */
-async function decodeTier(scene, tier, growth, decode, out) {
+export async function decodeTier(scene, tier, growth, decode, out, first) {
   const { count, channels } = tier;
+  const end = first + count;
+  const part = {
+    count, degree: out.degree, means: out.means.subarray(3 * first, 3 * end), quats: out.quats.subarray(4 * first, 4 * end),
+    scales: out.scales.subarray(3 * first, 3 * end), opacities: out.opacities.subarray(first, end),
+    sh: out.sh.subarray(scene.mean.length * first, scene.mean.length * end),
+  };
+  placePoints(scene, tier.cell, decodeCells(tier, intact(tier.positions, POSITIONS)), part.means);
   /** @type {Record<string, Float64Array>} */
   const found = {};
   /** @type {Order[]} */
@@ -297,8 +271,8 @@ async function decodeTier(scene, tier, growth, decode, out) {
       found[channelName(channel)] = values;
     }),
   );
-  shapePoints(scene.middle, found, isTurned || scene.tiers.length === 1, growth, out);
-  colourPoints(scene, channels, found, out.sh);
+  shapePoints(scene.middle, found, isTurned || scene.tiers.length === 1, growth, part);
+  colourPoints(scene, channels, found, part.sh);
 }
 
 /**

@@ -53,8 +53,11 @@ export interface Scene {
 
 /** What is accepted before memory is taken. */
 export interface Limits {
+  /** Gaussians of the views that are decoded, over all layers. */
   maxPixels: number;
+  /** Bytes that decoding takes. */
   maxMemory: number;
+  /** Views that are decoded. */
   maxViews: number;
   maxLayers: number;
   /** Gaussians for each byte at hand, beyond the first million; Infinity by default. */
@@ -65,11 +68,13 @@ export interface Limits {
 export interface NetworkRequest {
   /** RGB in [0, 1], pixel by pixel. */
   photos: Float32Array[];
+  /** Of every photo. */
   width: number;
   height: number;
   cameras: Camera[];
   near: number;
   far: number;
+  /** Of the network, and the SHA-256 of its ONNX file. */
   name: string;
   sha256: string;
 }
@@ -91,7 +96,7 @@ export interface Prediction {
 }
 
 export interface Options {
-  /** Decode from so many first bytes alone. */
+  /** Decode from so many first bytes alone: FORMAT.md, "Prefixes". */
   maxBytes?: number;
   /** Decode these views alone. */
   views?: number[];

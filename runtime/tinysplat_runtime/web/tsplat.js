@@ -9,28 +9,15 @@ import { LIMITS, isWorth, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
 import { TsplatError, require } from "./errors.js";
-import { rangesOf } from "./ranges.js";
-import { HEADER_BYTES, label, metadataBytes, tableBytes } from "./sections.js";
+import { chunksOf, rangesOf } from "./ranges.js";
+import { label, neededBytes } from "./sections.js";
 import { COLOR, ROTATION, channelName, channelsOf } from "./table.js";
 
 export { TsplatError };
 
 /** @typedef {import("./container.js").Container} Container */
-
-/**
- * @typedef {object} Options
- * @property {number} [maxBytes] decode from so many first bytes alone; FORMAT.md, "Prefixes"
- * @property {number[]} [views] decode these alone
- * @property {AbortSignal} [signal]
- * @property {number} [threads] workers that decode pictures; 0 for none
- * @property {Partial<import("./container.js").Limits>} [limits] what is accepted before memory is taken
- * @property {boolean} [recover] decode what is intact of a damaged file
- * @property {(request: import("./decoder.js").NetworkRequest) => Promise<import("./photos.js").Prediction>} [network]
- *   runs the network of a file of photos
- * @property {(name: string) => void} [onPicture] is told every picture once it is decoded
- */
-
-/** @typedef {import("./decoder.js").Decoded & { notes: Record<string, string>, mode: import("./container.js").Mode, bytes: number }} Scene */
+/** What callers see is declared in tsplat.d.ts. @typedef {import("./tsplat.js").Options} Options */
+/** @typedef {import("./tsplat.js").Scene} Scene */
 
 /** @param {ArrayBuffer | ArrayBufferView} bytes */
 function bytesOf(bytes) {
@@ -108,8 +95,8 @@ export async function decodeViews(source, views, options = {}) {
     options.signal?.throwIfAborted();
     return bytes;
   };
-  const table = await get(0, tableBytes(await get(0, HEADER_BYTES)));
-  const metadata = await get(0, metadataBytes(table) ?? table.length);
+  let metadata = bytesOf(new ArrayBuffer(0));
+  for (let needed; (needed = neededBytes(metadata)) > metadata.length; ) metadata = await get(0, needed);
   const outline = reading({ ...options, limits: { ...options.limits, maxPerByte: Infinity } }, true);
   const { table: { parts }, total } = readContainer(metadata, { ...outline, views: undefined });
   /** @type {Map<number, Uint8Array>} */
@@ -179,8 +166,7 @@ export async function* decodeStream(chunks, options = {}) {
         yield { ...(await decodeContainer(file, options, known)), received: bytes.length };
         return;
       }
-      const needed = metadataBytes(bytes);
-      if (needed !== undefined && needed <= bytes.length) {
+      if (neededBytes(bytes) <= bytes.length) {
         steps ??= stepsOf(readContainer(bytes, start));
         const reached = steps.filter((step) => step <= bytes.length).at(-1) ?? 0;
         if (reached > shown && reached < steps[steps.length - 1]) {
@@ -232,7 +218,7 @@ class Arriving {
     this.failure = undefined;
     /** @type {(() => void) | undefined} */
     this.wake = undefined;
-    void this.read("getReader" in chunks ? iterated(chunks) : chunks);
+    void this.read("getReader" in chunks ? chunksOf(chunks) : chunks);
   }
 
   /** @param {AsyncIterable<Uint8Array>} chunks */
@@ -276,20 +262,6 @@ class Arriving {
 
   stop() {
     this.isStopped = true;
-  }
-}
-
-/** @param {ReadableStream<Uint8Array>} stream */
-async function* iterated(stream) {
-  const reader = stream.getReader();
-  try {
-    for (;;) {
-      const { done, value } = await reader.read();
-      if (done) return;
-      yield value;
-    }
-  } finally {
-    void reader.cancel().catch(() => undefined);
   }
 }
 

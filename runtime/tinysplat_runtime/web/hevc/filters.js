@@ -41,28 +41,30 @@ function clip(value, low, high) {
 const INTRA_TC = 2;
 
 /**
- * Deblock luma: all vertical edges, then all horizontal ones (8.7.2.5.3).
+ * Deblock a plane: all vertical edges, then all horizontal ones; of chroma of 4:2:0, every other one (8.7.2.5).
  *
  * @param {Plane} plane
  * @param {Edges} edges
+ * @param {number} offset cQpPicOffset of chroma
  */
-export function deblockLuma(plane, edges) {
-  const { width, height } = plane;
-  const [across, down] = [width >> 3, height >> 3];
-  for (let row = 0; row < height >> 2; row++) {
-    for (let column = 1; column < across; column++) {
+export function deblock(plane, edges, offset) {
+  const { width, height, isChroma } = plane;
+  const [log2, step, filter] = isChroma ? [2, 2, filterChroma] : [3, 1, filterLuma];
+  const [across, down] = [width >> log2, height >> log2]; // blocks of 8 × 8 of luma
+  for (let row = 0; row < 2 * down; row++) {
+    for (let column = step; column < across; column += step) {
       if (!edges.vertical[row * across + column]) continue;
       const at = (row >> 1) * across + column;
-      const qp = (edges.qps[at] + edges.qps[at - 1] + 1) >> 1;
-      filterLuma(plane, edges, (row << 2) * width + (column << 3), 1, width, qp);
+      const qp = ((edges.qps[at] + edges.qps[at - 1] + 1) >> 1) + offset;
+      filter(plane, edges, (row << (log2 - 1)) * width + (column << log2), 1, width, qp);
     }
   }
-  for (let row = 1; row < down; row++) {
-    for (let column = 0; column < width >> 2; column++) {
-      if (!edges.horizontal[row * (width >> 2) + column]) continue;
+  for (let row = step; row < down; row += step) {
+    for (let column = 0; column < 2 * across; column++) {
+      if (!edges.horizontal[row * 2 * across + column]) continue;
       const at = row * across + (column >> 1);
-      const qp = (edges.qps[at] + edges.qps[at - across] + 1) >> 1;
-      filterLuma(plane, edges, (row << 3) * width + (column << 2), width, 1, qp);
+      const qp = ((edges.qps[at] + edges.qps[at - across] + 1) >> 1) + offset;
+      filter(plane, edges, (row << log2) * width + (column << (log2 - 1)), width, 1, qp);
     }
   }
 }
@@ -153,34 +155,8 @@ function filterWeakly(s, at, a, tc, most, isP, isQ) {
 }
 
 /**
- * Deblock a plane of chroma of 4:2:0, on its grid of 8 × 8 (8.7.2.5.5, 8.7.2.5.8).
+ * Two lines of an edge of chroma (8.7.2.5.5, 8.7.2.5.8).
  *
- * @param {Plane} plane
- * @param {Edges} edges
- * @param {number} offset cQpPicOffset
- */
-export function deblockChroma(plane, edges, offset) {
-  const { width, height } = plane;
-  const across = width >> 2; // blocks of 8 × 8 of luma
-  for (let row = 0; row < height >> 1; row++) {
-    for (let column = 2; column < across; column += 2) {
-      if (!edges.vertical[row * across + column]) continue;
-      const at = (row >> 1) * across + column;
-      const qp = ((edges.qps[at] + edges.qps[at - 1] + 1) >> 1) + offset;
-      filterChroma(plane, edges, (row << 1) * width + (column << 2), 1, width, qp);
-    }
-  }
-  for (let row = 2; row < height >> 2; row += 2) {
-    for (let column = 0; column < width >> 1; column++) {
-      if (!edges.horizontal[row * (width >> 1) + column]) continue;
-      const at = row * across + (column >> 1);
-      const qp = ((edges.qps[at] + edges.qps[at - across] + 1) >> 1) + offset;
-      filterChroma(plane, edges, (row << 2) * width + (column << 1), width, 1, qp);
-    }
-  }
-}
-
-/**
  * @param {Plane} plane
  * @param {Edges} edges
  * @param {number} start

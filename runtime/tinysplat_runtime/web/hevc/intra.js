@@ -144,21 +144,21 @@ export function predict(plane, done, x0, y0, log2, mode, isStrong) {
   gatherBorder(plane, done, x0, y0, side);
   const source = plane.isChroma ? border : filtered(side, log2, mode, plane.bits, isStrong);
   const start = y0 * plane.width + x0;
-  if (mode === PLANAR) planar(source, plane.samples, start, plane.width, log2);
-  else if (mode === DC) flat(source, plane.samples, start, plane.width, log2, !plane.isChroma && log2 < 5);
-  else angular(source, plane, start, log2, mode, !plane.isChroma && log2 < 5);
+  const isEdged = !plane.isChroma && log2 < 5;
+  if (mode === PLANAR) planar(source, plane, start, log2);
+  else if (mode === DC) flat(source, plane, start, log2, isEdged);
+  else angular(source, plane, start, log2, mode, isEdged);
 }
 
 /**
  * INTRA_PLANAR (8.4.4.2.4).
  *
  * @param {Int32Array} p
- * @param {Uint16Array} samples
+ * @param {Plane} plane
  * @param {number} start
- * @param {number} stride
  * @param {number} log2
  */
-function planar(p, samples, start, stride, log2) {
+function planar(p, { samples, width: stride }, start, log2) {
   const side = 1 << log2;
   const corner = 2 * side;
   const right = p[corner + side + 1];
@@ -179,13 +179,12 @@ function planar(p, samples, start, stride, log2) {
  * INTRA_DC (8.4.4.2.5).
  *
  * @param {Int32Array} p
- * @param {Uint16Array} samples
+ * @param {Plane} plane
  * @param {number} start
- * @param {number} stride
  * @param {number} log2
  * @param {boolean} isEdged
  */
-function flat(p, samples, start, stride, log2, isEdged) {
+function flat(p, { samples, width: stride }, start, log2, isEdged) {
   const side = 1 << log2;
   const corner = 2 * side;
   let sum = side;

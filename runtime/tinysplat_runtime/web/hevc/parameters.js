@@ -14,60 +14,9 @@ const SLICE_TYPE_I = 2;
 /** vps_base_layer_internal_flag and vps_base_layer_available_flag, and no other layer. */
 const ONE_LAYER = 0xc0;
 
-/**
- * @typedef {object} Sps
- * @property {number} id
- * @property {number} vpsId of the video parameter set that it refers to
- * @property {number} chroma 0: luma alone, 1: 4:2:0
- * @property {number} width of the coded picture
- * @property {number} height of the coded picture
- * @property {number} left samples cropped by the conformance window
- * @property {number} right
- * @property {number} top
- * @property {number} bottom
- * @property {number} bits of a sample
- * @property {number} log2MinCb
- * @property {number} log2Ctb
- * @property {number} log2MinTb
- * @property {number} log2MaxTb
- * @property {number} maxDepth max_transform_hierarchy_depth_intra
- * @property {boolean} sao
- * @property {boolean} strongSmoothing
- */
-
-/**
- * @typedef {object} Pps
- * @property {number} id
- * @property {number} spsId of the sequence parameter set that it refers to
- * @property {number} extraBits num_extra_slice_header_bits
- * @property {boolean} outputFlag output_flag_present_flag
- * @property {boolean} signHiding
- * @property {number} initQp init_qp_minus26 + 26
- * @property {boolean} qpDelta cu_qp_delta_enabled_flag
- * @property {number} qpDepth diff_cu_qp_delta_depth
- * @property {number} cbOffset
- * @property {number} crOffset
- * @property {boolean} sliceChromaOffsets
- * @property {boolean} acrossSlices
- * @property {boolean} deblockOverride
- * @property {boolean} deblockDisabled
- * @property {number} betaOffset in steps of QP: twice pps_beta_offset_div2
- * @property {number} tcOffset
- * @property {boolean} headerExtension
- */
-
-/**
- * @typedef {object} Slice
- * @property {number} qp SliceQpY
- * @property {boolean} saoLuma
- * @property {boolean} saoChroma
- * @property {number} cbOffset pps and slice together
- * @property {number} crOffset
- * @property {boolean} deblock
- * @property {number} betaOffset
- * @property {number} tcOffset
- * @property {Uint8Array} data the slice's CABAC bytes
- */
+/** Syntax elements by shorter names. @typedef {ReturnType<typeof readSps>} Sps */
+/** @typedef {ReturnType<typeof readPps>} Pps */
+/** @typedef {ReturnType<typeof readSlice>} Slice */
 
 /**
  * @param {BitReader} reader
@@ -199,7 +148,6 @@ function skipVui(reader) {
  * seq_parameter_set_rbsp() (7.3.2.2.1).
  *
  * @param {Uint8Array} unit
- * @returns {Sps}
  */
 function readSps(unit) {
   const reader = new BitReader(unescaped(unit).subarray(2));
@@ -208,11 +156,11 @@ function readSps(unit) {
   reader.skip(1);
   skipProfile(reader, subLayers);
   const id = reader.ue(15);
-  const chroma = reader.ue(3);
+  const chroma = reader.ue(3); // 0: luma alone, 1: 4:2:0
   require(chroma <= 1, `chroma_format_idc ${chroma}, accepted are 0 and 1`, "HEVC");
   const width = reader.ue(1 << 17);
   const height = reader.ue(1 << 17);
-  const window = [0, 0, 0, 0];
+  const window = [0, 0, 0, 0]; // samples cropped to the left, right, top and bottom
   if (reader.flag()) for (let i = 0; i < 4; i++) window[i] = reader.ue(1 << 16) << chroma;
   const bits = 8 + reader.ue(8);
   const chromaBits = 8 + reader.ue(8);
@@ -250,10 +198,9 @@ function readSps(unit) {
 }
 
 /**
- * pic_parameter_set_rbsp() (7.3.2.3.1).
+ * pic_parameter_set_rbsp() (7.3.2.3.1); offsets of QP in steps of it.
  *
  * @param {Uint8Array} unit
- * @returns {Pps}
  */
 function readPps(unit) {
   const reader = new BitReader(unescaped(unit).subarray(2));
@@ -318,7 +265,6 @@ export function readParameterSets(bytes) {
  * @param {Uint8Array} unit a NAL unit without start code
  * @param {Sps} sps
  * @param {Pps} pps
- * @returns {Slice}
  */
 export function readSlice(unit, sps, pps) {
   const type = unit.length > 2 ? nalType(unit) : -1;

@@ -5,7 +5,7 @@ import {
   CBF_CHROMA, CBF_LUMA, CHROMA_MODE, INITIAL, PART_MODE, PREV_INTRA, QP_DELTA, SAO_MERGE, SAO_TYPE, SPLIT_CU,
   SPLIT_TRANSFORM,
 } from "./contexts.js";
-import { BAND, EDGE, SAO_FIELDS, chromaQp, deblockChroma, deblockLuma, offsetSamples } from "./filters.js";
+import { BAND, EDGE, SAO_FIELDS, chromaQp, deblock, offsetSamples } from "./filters.js";
 import { ACROSS, DC, DOWN, PLANAR, Plane, predict } from "./intra.js";
 import { readParameterSets, readSlice } from "./parameters.js";
 import { Coefficients } from "./residual.js";
@@ -56,10 +56,9 @@ export class PictureDecoder {
     this.predictedQp = 0;
     this.isDeltaRead = false;
     this.chromaOffsets = [0, 0];
-    /** Of the coding unit under way: IntraPredModeC, and the modes of up to four parts. */
+    /** Of the coding unit under way: IntraPredModeC, and whether it has four parts. */
     this.chromaMode = 0;
     this.isSplit = false;
-    this.lumaModes = new Uint8Array(4);
   }
 
   /**
@@ -107,11 +106,7 @@ export class PictureDecoder {
     if (slice.deblock) {
       edges.betaOffset = slice.betaOffset;
       edges.tcOffset = slice.tcOffset;
-      deblockLuma(planes[0], edges);
-      if (planes.length > 1) {
-        deblockChroma(planes[1], edges, this.pps.cbOffset);
-        deblockChroma(planes[2], edges, this.pps.crOffset);
-      }
+      planes.forEach((plane, i) => deblock(plane, edges, [0, this.pps.cbOffset, this.pps.crOffset][i]));
     }
     planes.forEach((plane, i) => {
       if (i === 0 ? slice.saoLuma : slice.saoChroma) offsetSamples(plane, this.sao[i], sps.log2Ctb - (i === 0 ? 0 : 1));
@@ -225,7 +220,7 @@ export class PictureDecoder {
    * @param {number} depth
    */
   codingUnit(x0, y0, log2, depth) {
-    const { cabac, sps, lumaModes } = this;
+    const { cabac, sps, modes, across4 } = this;
     this.isSplit = log2 === sps.log2MinCb && cabac.bin(PART_MODE) === 0;
     const parts = this.isSplit ? 4 : 1;
     const side = 1 << (this.isSplit ? log2 - 1 : log2);
@@ -233,15 +228,12 @@ export class PictureDecoder {
     for (let i = 0; i < parts; i++) flags |= cabac.bin(PREV_INTRA) << i;
     for (let i = 0; i < parts; i++) {
       const x = x0 + (i & 1) * side, y = y0 + (i >> 1) * side;
-      lumaModes[i] = this.lumaMode(x, y, (flags >> i) & 1);
+      const mode = this.lumaMode(x, y, (flags >> i) & 1);
       const units = side >> 2;
-      const first = (y >> 2) * this.across4 + (x >> 2);
-      for (let row = 0; row < units; row++) {
-        const at = first + row * this.across4;
-        this.modes.fill(lumaModes[i], at, at + units);
-      }
+      const first = (y >> 2) * across4 + (x >> 2);
+      for (let row = 0; row < units; row++) modes.fill(mode, first + row * across4, first + row * across4 + units);
     }
-    if (sps.chroma) this.chromaMode = this.readChromaMode(lumaModes[0]);
+    if (sps.chroma) this.chromaMode = this.readChromaMode(modes[(y0 >> 2) * across4 + (x0 >> 2)]);
     this.transformTree(x0, y0, x0, y0, log2, 0, 0, 3);
     this.lastQp = this.qp;
     const units = 1 << (log2 - 3);
@@ -345,7 +337,7 @@ export class PictureDecoder {
     const cbf = this.cabac.bin(CBF_LUMA + (depth === 0 ? 1 : 0));
     if ((cbf || cbfChroma) && this.pps.qpDelta && !this.isDeltaRead) this.readQpDelta();
     this.markEdges(x0, y0, log2);
-    const mode = this.lumaModes[this.isSplit ? this.partOf(x0, y0) : 0];
+    const mode = this.modes[(y0 >> 2) * this.across4 + (x0 >> 2)];
     predict(this.planes[0], this.done, x0, y0, log2, mode, this.sps.strongSmoothing);
     if (cbf) this.addResidual(0, x0, y0, log2, mode);
     const units = 1 << (log2 - 2);
@@ -360,17 +352,6 @@ export class PictureDecoder {
       predict(this.planes[i], this.done, x, y, size, this.chromaMode, false);
       if (cbfChroma & i) this.addResidual(i, x, y, size, this.chromaMode);
     }
-  }
-
-  /**
-   * Which part of a split coding unit a place is in: units that are split have the least size.
-   *
-   * @param {number} x
-   * @param {number} y
-   */
-  partOf(x, y) {
-    const bit = this.sps.log2MinCb - 1;
-    return ((x >> bit) & 1) + 2 * ((y >> bit) & 1);
   }
 
   /**

@@ -7,25 +7,20 @@ const FIRST = [
   64, 90, 90, 90, 89, 88, 87, 85, 83, 82, 80, 78, 75, 73, 70, 67, 64, 61, 57, 54, 50, 46, 43, 38, 36, 31, 25, 22, 18, 13, 9, 4,
 ];
 
-/** transMatrix transposed: entry 32·k + n is the weight of coefficient n in sample k, of 32. */
-const COSINES = new Int8Array(32 * 32);
-for (let k = 0; k < 32; k++) {
-  for (let n = 0; n < 32; n++) {
-    // cos(π(2k + 1)n/64) is ± an entry of column 0, cos(πm/64), by the symmetries of the cosine.
-    let angle = ((2 * k + 1) * n) % 128;
-    if (angle > 64) angle = 128 - angle;
-    COSINES[32 * k + n] = angle === 32 ? 0 : angle < 32 ? FIRST[angle] : -FIRST[64 - angle];
-  }
+/**
+ * cos(πm/64): ± an entry of column 0, by the symmetries of the cosine.
+ *
+ * @param {number} m
+ */
+function cosine(m) {
+  const angle = m % 128 > 64 ? 128 - (m % 128) : m % 128;
+  return angle === 32 ? 0 : angle < 32 ? FIRST[angle] : -FIRST[64 - angle];
 }
 
-/** By log2 of the side less 2: the transposed matrix of that size, of the samples of its first half. */
+/** By log2 of the side less 2: transMatrix of that size, transposed, of the samples of its first half. */
 const MATRICES = [2, 3, 4, 5].map((log2) => {
   const side = 1 << log2;
-  const matrix = new Int8Array((side * side) / 2);
-  for (let k = 0; k < side / 2; k++) {
-    for (let n = 0; n < side; n++) matrix[k * side + n] = COSINES[32 * k + (n << (5 - log2))];
-  }
-  return matrix;
+  return Int8Array.from({ length: (side * side) / 2 }, (_, i) => cosine((2 * (i >> log2) + 1) * (i & (side - 1)) << (5 - log2)));
 });
 
 /** The matrix of 4 × 4 luma blocks (8.6.4.2, trType 1), by sample and coefficient. */
