@@ -160,12 +160,13 @@ def test_no_frame_on_the_way_to_other_places_has_holes(browser: Browser, tmp_pat
         tab.wait("'ready' in document.body.dataset")
         tab.evaluate(f"({OPEN})()")
         for n in range(10):
+            drawn = tab.evaluate("noted.length")
             tab.evaluate("after.click(), 0")
             tab.drag(48, 36, 60 * (-1) ** n, 0, steps=3)
+            tab.wait(f"noted.length > {drawn}")  # on slow machines, one of where it has moved to
         tab.wait("!page.flight && !page.wanted && !page.mover.spring(0)")
         tab.ready()
-        frames = tab.evaluate("noted.splice(0)")
-        assert len(frames) > 1 and max(frames) < 0.05
+        assert max(tab.evaluate("noted")) < 0.05
         tab.close()
 
 
