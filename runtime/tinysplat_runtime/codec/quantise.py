@@ -2,7 +2,7 @@
 
 An HEVC quantiser step is 2^(b−8)·2^((QP−4)/6) codes at b bits, 16·2^((QP−4)/6) at 12. A channel of values scaled by s
 codes per unit is thus quantised with the step 16·2^((QP−4)/6)/s units: any pair (QP, s) on that curve codes alike, so
-the pair is chosen to use the code range well. docs/FORMAT.md, "Quantisation", has the mapping from the paper's 14 bits
+the pair is chosen to use the code range well. docs/CODEC.md, "Steps as codes", has the mapping from the paper's 14 bits
 and what it costs.
 """
 

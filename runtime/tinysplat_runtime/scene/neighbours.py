@@ -44,8 +44,8 @@ SUITS = 1.3
 """A group suits a photo whose partners in it are at most so many times as far away as those of its own group."""
 
 CLOSE = 0.15
-"""Photos whose own partners are at most so far away, the mean of d, are worth more beside partners that they share, as
-what a group finds agrees; of those that are farther apart, each is worth more beside its own."""
+"""Mean distance d to its own partners up to which a photo shares partners with others: in dense captures what a group
+finds then agrees. Elsewhere each photo gets its own nearest ones."""
 
 _ROWS = 256  # photos whose distances to all others are held at a time
 
