@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
-from ..render.gradient import LARGEST_OPACITY, LEAST_OPACITY, Comparer, PhotoError, Target
+from ..render.gradient import Comparer, PhotoError, Target, fill_chunks, logits_of, opacities_of, padded
 from ..render.kernels_blend import Extent, Picture, Scratch, composite_tile
-from ..render.kernels_chain import Moved
 from ..render.kernels_gradient import Exposure, Sought, differentiate_tile
 from ..render.kernels_list import Listed, Visible
 from ..render.kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
@@ -24,7 +23,7 @@ from ..render.project import View
 from ..render.renderer import NEAR_PLANE
 from ..scene.cameras import Camera
 from . import kernels_free
-from .kernels_free import BASE, LOG_SCALE, LOGIT, MOVE, SH_RED, TURN, values_of
+from .kernels_free import BASE, LOG_SCALE, LOGIT, MOVE, SH_RED, TURN, Moved, values_of
 
 LEAST_SCALE = 1e-4
 """Of a Gaussian's unit: thinner axes begin at this, so that they have logarithms and may grow."""
@@ -67,30 +66,24 @@ class FreeGaussians:
         """
         self.functions = functions
         self.count, self._start, self._units = len(gaussians.opacities), gaussians, units.astype(np.float32)
-        rows = -(-self.count // CHUNK) * CHUNK
+        rows = padded(self.count)
         self.values = np.zeros((values_of(functions), rows), np.float32)
         self.values[LOGIT], self.values[TURN] = -np.inf, 1
         own = self.values[:, : self.count]
         scales = np.maximum(gaussians.scales, LEAST_SCALE * self._units[:, None])
-        opacity = gaussians.opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
         own[LOG_SCALE:TURN] = np.log(scales).T
         own[TURN:LOGIT] = normalize_quats(gaussians.quats).T
-        own[LOGIT] = np.log(opacity / (1 - opacity))
+        own[LOGIT] = logits_of(gaussians.opacities)
         own[SH_RED:] = gaussians.sh[:, :functions].reshape(self.count, -1).T
-        base = np.concatenate([gaussians.means, self._units[:, None]], axis=1).astype(np.float32)
-        planes, sh = _by_chunk(base.T), _by_chunk(gaussians.sh.reshape(self.count, -1).T)
-        assert planes.shape[1] == BASE
-        geometry = np.zeros((len(planes), GEOMETRY, CHUNK), np.float32)
-        sh = np.ascontiguousarray(sh).reshape(len(planes), -1)
+        chunks, colours = rows // CHUNK, gaussians.sh.reshape(self.count, -1).T
+        planes, sh = np.zeros((chunks, BASE, CHUNK), np.float32), np.zeros((chunks, len(colours) * CHUNK), np.float32)
+        fill_chunks(planes, np.concatenate([gaussians.means.T, self._units[None]]))
+        fill_chunks(sh.reshape(chunks, -1, CHUNK), colours)
+        geometry = np.zeros((chunks, GEOMETRY, CHUNK), np.float32)
+        parts = [slice(first, first + BLOCK_SIZE // CHUNK) for first in range(0, chunks, BLOCK_SIZE // CHUNK)]
         self.pieces = [
-            RowBlock(
-                slice(CHUNK * first, CHUNK * min(first + step, len(planes))),
-                planes[first : first + step],
-                geometry[first : first + step],
-                sh[first : first + step],
-            )
-            for step in [BLOCK_SIZE // CHUNK]
-            for first in range(0, len(planes), step)
+            RowBlock(slice(CHUNK * part.start, min(CHUNK * part.stop, rows)), planes[part], geometry[part], sh[part])
+            for part in parts
         ]
         self._comparer, self._run = Comparer(rows, run_jobs), run_jobs
         self.place()
@@ -105,7 +98,7 @@ class FreeGaussians:
     @property
     def opacities(self) -> NDArray:
         """(N,) float64."""
-        return 1 / (1 + np.exp(-self.values[LOGIT, : self.count].astype(np.float64)))
+        return opacities_of(self.values[LOGIT, : self.count])
 
     def gaussians(self) -> Gaussians:
         """As they stand."""
@@ -191,21 +184,13 @@ class FreeGaussians:
     def _add_up(
         self, visible: Sequence[Visible], view: View, gradient: NDArray, lists: TileLists, pairs: NDArray
     ) -> None:
-        numbers, nowhere = view_numbers(view), np.zeros(3)
+        numbers = view_numbers(view)
 
         def add(number: int) -> None:
             piece = self.pieces[number]
             values, slopes = self.values[:, piece.rows], gradient[:, piece.rows]
-            moved = Moved(piece.rows.start, piece.geometry, nowhere, values, slopes)
+            moved = Moved(piece.rows.start, piece.geometry, piece.base[:, 3], values, slopes)
             records, seen, ends = self._comparer.buffers.records, visible[number], lists.starts[number]
-            kernels_free.add_up(records, seen, lists.tiles, ends, pairs, moved, piece.base[:, 3], numbers)
+            kernels_free.add_up(records, seen, lists.tiles, ends, pairs, moved, numbers)
 
         self._run(add, range(len(self.pieces)))
-
-
-def _by_chunk(planes: NDArray) -> NDArray:
-    """(planes, n) to (chunks, planes, 128), zeros behind the last."""
-    chunks = -(-planes.shape[1] // CHUNK)
-    padded = np.zeros((len(planes), chunks * CHUNK), np.float32)
-    padded[:, : planes.shape[1]] = planes
-    return np.ascontiguousarray(padded.reshape(len(planes), -1, CHUNK).swapaxes(0, 1))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, band_1, band_2
-from ..render.kernels_chain import Moved
 from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
 from ..render.kernels_list import Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_place import exp, place_looks
@@ -31,6 +31,24 @@ _MEAN, _AXES = _I(MEAN * CHUNK), _I(AXES * CHUNK)
 _UNIT = _I(3 * CHUNK)
 _SLOPES = 9
 _BAND_1, _BAND_2 = compiled(band_1), compiled(band_2)
+
+
+class Moved(NamedTuple):
+    """A block of Gaussians that move, and where their gradients go.
+
+    Attributes:
+        first: its first row.
+        geometry: (chunks, 14, 128) float32, as they stand.
+        units: (chunks, 128) float32, what their means move in.
+        values: (kinds, rows) float32.
+        gradient: (kinds, rows) float32 with respect to them, added to.
+    """
+
+    first: int
+    geometry: NDArray
+    units: NDArray
+    values: NDArray
+    gradient: NDArray
 
 
 def values_of(functions: int) -> int:
@@ -84,14 +102,7 @@ def _turn(quats: NDArray, row: Number, out: NDArray) -> None:
 
 @compiled
 def add_up(
-    records: NDArray,
-    seen: Visible,
-    tiles: Tiles,
-    ends: NDArray,
-    pairs: NDArray,
-    block: Moved,
-    units: NDArray,
-    view: ViewNumbers,
+    records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, pairs: NDArray, block: Moved, view: ViewNumbers
 ) -> None:
     """Add a block's gradients with respect to its values, of one picture.
 
@@ -99,8 +110,7 @@ def add_up(
         records, seen, tiles: as `kernels_list.list_by_tile` was given them.
         ends: (tiles,) int64, where each list began; moved on.
         pairs: (pairs, 9) float32.
-        block: the Gaussians, of `values_of` values each; `centre` says nothing here.
-        units: (chunks, 128) float32, what their means move in.
+        block: the Gaussians, of `values_of` values each.
         view: as `kernels_project.project` takes it.
     """
     total, slopes, gradient = np.empty(PAIR, np.float64), np.empty(_SLOPES, np.float64), block.gradient
@@ -119,7 +129,7 @@ def add_up(
         chunk, lane = row // CHUNK, row % CHUNK
         _shape_gradient(record, block.geometry[chunk], lane, view, total, slopes)
         for axis in range(3):
-            gradient[MOVE + axis, row] += _F(slopes[axis] * units[chunk, lane])
+            gradient[MOVE + axis, row] += _F(slopes[axis] * block.units[chunk, lane])
             gradient[LOG_SCALE + axis, row] += _F(slopes[3 + axis])
         _add_turn(block.values[TURN:LOGIT, row], slopes[6:], gradient[TURN:LOGIT, row])
         rest = 1 + math.exp(np.float64(block.values[LOGIT, row]))  # of the opacity, to 1, inverted

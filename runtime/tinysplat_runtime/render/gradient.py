@@ -39,9 +39,7 @@ from .prepare import ALPHA_MIN, BLOCK_SIZE, Block, principal_axes
 from .project import View
 from .renderer import NEAR_PLANE
 
-LEAST_OPACITY, LARGEST_OPACITY = 1e-9, 1 - 1e-6
-"""Opacities outside are moved to these ends before their logit is taken: below 1/255 nothing is drawn, and where alpha
-is cut at 0.99 nothing changes."""
+_LEAST_OPACITY, _LARGEST_OPACITY = 1e-9, 1 - 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +121,7 @@ class Grid:
     def zeros(self) -> NDArray:
         """(6, H·W or a little more) float32, for gradients of its Gaussians in the order of its pixels."""
         # A chunk more than there is, so that no part is contiguous: code is compiled for one layout.
-        return np.zeros((VALUES, _padded(self.height * self.width) + CHUNK), np.float32)
+        return np.zeros((VALUES, padded(self.height * self.width) + CHUNK), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +237,7 @@ class MovableGaussians:
         self.origin = gaussians.origin
         self.grids = tuple(_grids(gaussians))
         self._near, self._dilation = NearViews.of(gaussians), dilation
-        rows = _padded(self.grids[-1].rows.stop)
+        rows = padded(self.grids[-1].rows.stop)
         self.values = disk.zeros((VALUES, rows), views=len(gaussians.cameras))
         self._pieces = list[_Piece]()
         for number, layer in enumerate(gaussians.layers):
@@ -250,7 +248,7 @@ class MovableGaussians:
 
     def _take(self, layer: Gaussians, grids: Sequence[Grid], photos: Sequence[Camera]) -> None:
         """Make pieces of a layer's Gaussians."""
-        chunks, views = _padded(grids[0].height * grids[0].width) // CHUNK, len(grids)
+        chunks, views = padded(grids[0].height * grids[0].width) // CHUNK, len(grids)
         bases = disk.zeros((views, chunks, BASE, CHUNK))
         colours = disk.zeros((views, chunks, 3 * layer.sh.shape[-2] * CHUNK))
         for grid, base, sh in zip(grids, bases, colours, strict=True):
@@ -268,18 +266,17 @@ class MovableGaussians:
         sh = layer.sh[grid.view].reshape(count, -1)  # (n, 3 S), colours last
         pixels = own_pixels(means, self.origin, photo) * (self._dilation == "own")
         values = self.values[:, grid.rows]
-        opacity = opacities.astype(np.float64).clip(LEAST_OPACITY, LARGEST_OPACITY)
-        self.values[LOGIT, grid.rows.stop : _padded(grid.rows.stop)] = -np.inf
-        values[LOGIT] = np.log(opacity / (1 - opacity))
+        self.values[LOGIT, grid.rows.stop : padded(grid.rows.stop)] = -np.inf
+        values[LOGIT] = logits_of(opacities)
         values[SH_RED:] = sh[:, :3].T
         for first in range(0, count, BLOCK_SIZE):
             part = slice(first, min(first + BLOCK_SIZE, count))
             base = np.concatenate(
                 [(means[part] - centre).T, principal_axes(quats[part], scales[part]).reshape(9, -1), pixels[None, part]]
             )
-            chunks = slice(first // CHUNK, _padded(part.stop) // CHUNK)
-            _fill_chunks(bases[chunks], base)
-            _fill_chunks(colours[chunks].reshape(-1, sh.shape[1], CHUNK), sh[part].T)
+            chunks = slice(first // CHUNK, padded(part.stop) // CHUNK)
+            fill_chunks(bases[chunks], base)
+            fill_chunks(colours[chunks].reshape(-1, sh.shape[1], CHUNK), sh[part].T)
             start = grid.rows.start + first
             yield _Piece(grid, start, bases[chunks], centre, colours[chunks], quats[part], scales[part])
 
@@ -303,7 +300,7 @@ class MovableGaussians:
         centre = layer.cameras[view].centre - layer.origin
         away = np.exp(values[LOG_DEPTH].astype(np.float64))[..., None]
         grown = away * np.exp(values[LOG_SIZE].astype(np.float64))[..., None]
-        opacities = 1 / (1 + np.exp(-values[LOGIT].astype(np.float64)))
+        opacities = opacities_of(values[LOGIT])
         fields["means"][view] = centre + away * (layer.means[view] - centre)
         fields["scales"][view] = grown * layer.scales[view]
         fields["opacities"][view] = np.where(opacities < ALPHA_MIN, 0, opacities)
@@ -406,14 +403,28 @@ def _grids(gaussians: Gaussians) -> Iterator[Grid]:
         views, height, width = layer.opacities.shape
         for view in range(views):
             yield Grid(number, view, slice(first, first + height * width), height, width)
-            first = _padded(first + height * width)
+            first = padded(first + height * width)
 
 
-def _padded(rows: int) -> int:
+def logits_of(opacities: NDArray) -> NDArray:
+    """float64. Opacities near 0 and 1 are moved to where a logit is finite: below 1/255 nothing is drawn, and where
+    alpha is cut at 0.99 nothing changes.
+    """
+    inside = opacities.astype(np.float64).clip(_LEAST_OPACITY, _LARGEST_OPACITY)
+    return np.log(inside / (1 - inside))
+
+
+def opacities_of(logits: NDArray) -> NDArray:
+    """float64."""
+    return 1 / (1 + np.exp(-logits.astype(np.float64)))
+
+
+def padded(rows: int) -> int:
+    """Rows of whole chunks that hold so many."""
     return -(-rows // CHUNK) * CHUNK
 
 
-def _fill_chunks(chunks: NDArray, planes: NDArray) -> None:
+def fill_chunks(chunks: NDArray, planes: NDArray) -> None:
     """Write planes (planes, n) into zeros (chunks, planes, 128)."""
     count = planes.shape[1]
     whole = count // CHUNK
