@@ -129,6 +129,25 @@ def _window(grey: NDArray, colours: NDArray, x: int, y: int, width: int, height:
 
 
 @compiled
+def _colours_apart(
+    colours: NDArray, at: tuple[Number, Number], size: tuple[int, int], own: tuple[Number, Number, Number]
+) -> Number:
+    """Σ |difference| of a colour and that of a source at (u, v)."""
+    (u, v), (width, height) = at, size
+    column: Number = min(_I(u - _HALF), width - 2)
+    row: Number = min(_I(v - _HALF), height - 2)
+    fp, fq = u - _HALF - _F(column), v - _HALF - _F(row)
+    here = (row * width + column) * 3
+    below_it = here + width * 3
+    apart = _ZERO
+    for c in range(3):
+        above = colours[here + c] + fp * (colours[here + 3 + c] - colours[here + c])
+        under = colours[below_it + c] + fp * (colours[below_it + 3 + c] - colours[below_it + c])
+        apart += abs(above + fq * (under - above) - own[c])
+    return apart
+
+
+@compiled
 def _source_cost(
     photos: Compared,
     source: int,
@@ -154,9 +173,8 @@ def _source_cost(
     x, y, width, height = pixel
     total, mean, variance = seen
     across, down = _F(x) + _HALF, _F(y) + _HALF
-    at = (
-        w - right * across - below * down
-    )  # of w = at + right·x + below·y, so that A + b·(right, below, at) is a homography
+    # Of w = at + right·x + below·y, so that A + b·(right, below, at) is a homography
+    at = w - right * across - below * down
     h00, h01, h02 = A[0, 0] + b[0] * right, A[0, 1] + b[0] * below, A[0, 2] + b[0] * at
     h10, h11, h12 = A[1, 0] + b[1] * right, A[1, 1] + b[1] * below, A[1, 2] + b[1] * at
     h20, h21, h22 = A[2, 0] + b[2] * right, A[2, 1] + b[2] * below, A[2, 2] + b[2] * at
@@ -191,22 +209,78 @@ def _source_cost(
     its = sum_ / total
     spread = max(squares / total - its * its, _ZERO)
     likeness = (products / total - mean * its) / math.sqrt((variance + _NOISE) * (spread + _NOISE))
-    column = min(_I(u - _HALF), width - 2)
-    row = min(_I(v - _HALF), height - 2)
-    fp, fq = u - _HALF - _F(column), v - _HALF - _F(row)
-    here = (row * width + column) * 3
-    below_it = here + width * 3
-    apart = _ZERO
-    for c in range(3):
-        above = colours[here + c] + fp * (colours[here + 3 + c] - colours[here + c])
-        under = colours[below_it + c] + fp * (colours[below_it + 3 + c] - colours[below_it + c])
-        apart += abs(above + fq * (under - above) - own[c])
+    apart = _colours_apart(colours, (u, v), (width, height), own)
     gap = abs(its_depth - w / z)
     shift_x, shift_y = b[0] - u * b[2], b[1] - v * b[2]
     moved = gap * math.sqrt(shift_x * shift_x + shift_y * shift_y)
     cost = min(_ONE - likeness, _ONE)
     cost += _COLOUR * (min(apart / _F(3), _COLOUR_MOST) + min(abs(mean - its), _COLOUR_MOST))
     return cost + _AGREE * min(moved, _AGREE_PX)
+
+
+@compiled
+def _jumps_cost(
+    planes: NDArray, colours: NDArray, plane: tuple[Number, Number, Number], x: int, y: int, px: Number
+) -> Number:
+    """What a plane costs for its jumps to the planes of neighbours; `px` as `_parallax` gives it."""
+    (at, slope_x, slope_y), (_, height, width), here = plane, planes.shape, y * planes.shape[2] + x
+    cost = _ZERO
+    for k in range(4):
+        dx, dy = _NEAR_X[k], _NEAR_Y[k]
+        if not (0 <= x + dx < width and 0 <= y + dy < height):
+            continue
+        slope = (slope_x + planes[1, y + dy, x + dx]) * _F(dx)
+        slope += (slope_y + planes[2, y + dy, x + dx]) * _F(dy)
+        jump = abs(at + _HALF * slope - planes[0, y + dy, x + dx]) * px
+        alike = math.exp(-_unlike(colours, here, here + dy * width + dx) * _SMOOTH_COLOUR)
+        cost += _SMOOTH * alike * min(jump, _SMOOTH_PX)
+    return cost
+
+
+@compiled
+def _tried(
+    number: int, planes: NDArray, candidates: NDArray, best: tuple[Number, Number, Number], x: int, y: int, px: Number
+) -> tuple[Number, Number, Number]:
+    """A pixel's plane to try, by number: its own, those of its four neighbours, candidates, and steps about the best so
+    far; beyond the frame, one behind everything.
+    """
+    _, height, width = planes.shape
+    own, forward = (planes[0, y, x], planes[1, y, x], planes[2, y, x]), len(candidates)
+    if number == 0:
+        return own
+    if number <= 4:
+        dx, dy = _NEAR_X[number - 1], _NEAR_Y[number - 1]
+        if not (0 <= x + dx < width and 0 <= y + dy < height):
+            return -_ONE, own[1], own[2]
+        slope_x, slope_y = planes[1, y + dy, x + dx], planes[2, y + dy, x + dx]
+        return planes[0, y + dy, x + dx] - slope_x * _F(dx) - slope_y * _F(dy), slope_x, slope_y
+    if number <= 4 + forward:
+        return candidates[number - 5, y, x], own[1], own[2]
+    step = number - 5 - forward
+    return best[0] + _F((1 - 2 * (step % 2)) * (1 + step // 2)) / px, best[1], best[2]
+
+
+@compiled
+def _sorted_in(costs: NDArray, count: int, its: Number) -> int:
+    """Put a cost among so many, in rising order; how many there are then."""
+    place = count
+    while place > 0 and costs[place - 1] > its:
+        costs[place] = costs[place - 1]
+        place -= 1
+    costs[place] = its
+    return count + 1
+
+
+@compiled
+def _mean_of_better(costs: NDArray, count: int) -> Number:
+    """What a plane costs in the better of the sources that see it, by so many costs in rising order."""
+    if not count:
+        return _UNSEEN
+    counted: Number = max(1, math.ceil(_F(count) * _SHARE))
+    sum_ = _ZERO
+    for k in range(counted):
+        sum_ += costs[k]
+    return sum_ / _F(counted)
 
 
 @compiled
@@ -226,70 +300,35 @@ def search(
     """
     _, height, width = planes.shape
     grey, colours = photos.grey[0], photos.colours[0]
-    sources, forward = len(photos.A), len(candidates)
-    tries = 1 + 4 + forward + STEPS if forward else 1
+    sources = len(photos.A)
+    tries = 1 + 4 + len(candidates) + STEPS if len(candidates) else 1
     window, costs = np.empty((2, _TAPS), _F), np.empty(max(sources, 1), _F)
     for red in range(2):
         for y in range(height):
             for x in range((y + red) % 2, width, 2):
                 here = y * width + x
-                total, mean, variance = _window(grey, colours, x, y, width, height, window)
-                pull = _PULL * (_LEAST_PULL + _NOISE / (variance + _NOISE))
-                w, right, below = planes[0, y, x], planes[1, y, x], planes[2, y, x]
-                px = _parallax(photos.A, photos.b, _F(x) + _HALF, _F(y) + _HALF, w)
+                seen = _window(grey, colours, x, y, width, height, window)
+                pull = _PULL * (_LEAST_PULL + _NOISE / (seen[2] + _NOISE))
+                px = _parallax(photos.A, photos.b, _F(x) + _HALF, _F(y) + _HALF, planes[0, y, x])
                 own = colours[here * 3], colours[here * 3 + 1], colours[here * 3 + 2]
-                best, best_right, best_below, least = w, right, below, _FAR
-                for h in range(tries):
-                    if h == 0:
-                        at, slope_x, slope_y = w, right, below
-                    elif h <= 4:
-                        dx, dy = _NEAR_X[h - 1], _NEAR_Y[h - 1]
-                        if not (0 <= x + dx < width and 0 <= y + dy < height):
-                            continue
-                        slope_x, slope_y = planes[1, y + dy, x + dx], planes[2, y + dy, x + dx]
-                        at = planes[0, y + dy, x + dx] - slope_x * _F(dx) - slope_y * _F(dy)
-                    elif h <= 4 + forward:
-                        at, slope_x, slope_y = candidates[h - 5, y, x], right, below
-                    else:
-                        k = h - 5 - forward
-                        at, slope_x, slope_y = best + _F((1 - 2 * (k % 2)) * (1 + k // 2)) / px, best_right, best_below
-                    if h > 0 and not (low <= at <= high and abs(at - best) * px >= _SAME):
+                best, least = (planes[0, y, x], planes[1, y, x], planes[2, y, x]), _FAR
+                for number in range(tries):
+                    plane = _tried(number, planes, candidates, best, x, y, px)
+                    if number > 0 and not (low <= plane[0] <= high and abs(plane[0] - best[0]) * px >= _SAME):
                         continue
-                    cost = pull * min(abs(at - first[y, x]) * px, _PULL_PX)
-                    for k in range(4):
-                        dx, dy = _NEAR_X[k], _NEAR_Y[k]
-                        if not (0 <= x + dx < width and 0 <= y + dy < height):
-                            continue
-                        slope = (slope_x + planes[1, y + dy, x + dx]) * _F(dx)
-                        slope += (slope_y + planes[2, y + dy, x + dx]) * _F(dy)
-                        jump = abs(at + _HALF * slope - planes[0, y + dy, x + dx]) * px
-                        alike = math.exp(-_unlike(colours, here, here + dy * width + dx) * _SMOOTH_COLOUR)
-                        cost += _SMOOTH * alike * min(jump, _SMOOTH_PX)
+                    cost = pull * min(abs(plane[0] - first[y, x]) * px, _PULL_PX)
+                    cost += _jumps_cost(planes, colours, plane, x, y, px)
                     if cost >= least:
                         continue
-                    seen = 0
+                    count = 0
                     for s in range(sources):
-                        plane, pixel = (at, slope_x, slope_y), (x, y, width, height)
-                        its = _source_cost(photos, s, plane, pixel, own, window, (total, mean, variance))
-                        if its < 0:
-                            continue
-                        place = seen
-                        while place > 0 and costs[place - 1] > its:
-                            costs[place] = costs[place - 1]
-                            place -= 1
-                        costs[place] = its
-                        seen += 1
-                    if seen:
-                        counted: Number = max(1, math.ceil(_F(seen) * _SHARE))
-                        sum_ = _ZERO
-                        for k in range(counted):
-                            sum_ += costs[k]
-                        cost += sum_ / _F(counted)
-                    else:
-                        cost += _UNSEEN
+                        its = _source_cost(photos, s, plane, (x, y, width, height), own, window, seen)
+                        if its >= 0:
+                            count = _sorted_in(costs, count, its)
+                    cost += _mean_of_better(costs, count)
                     if cost < least:
-                        least, best, best_right, best_below = cost, at, slope_x, slope_y
-                planes[0, y, x], planes[1, y, x], planes[2, y, x] = best, best_right, best_below
+                        least, best = cost, plane
+                planes[0, y, x], planes[1, y, x], planes[2, y, x] = best
                 spent[y, x] = least
 
 
