@@ -145,20 +145,28 @@ class Runtime:
         Returns:
             Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
             look better from the Gaussians of the other photos. Of more than six, some judge and correct nothing before.
-            Views whose photos the others contradict are left out (`stats.left_out`).
+            Views whose photos the others contradict are left out (`stats.left_out`); two photos that contradict each
+            other refine nothing.
 
         Raises:
             InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.
         """
+        from .gaussian.editing import select_views
         from .recipe import stages
         from .recipe.request import Coding
         from .recipe.words import Refinement
+        from .refine.stats import RefineStats
 
         coding = Coding(profile=profile, qp=qp)
-        agreed, out = stages.agreeing(gaussians, scene, self, self.told)
-        if stats is not None:
-            stats.left_out = out
-        return stages.refine(agreed, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
+        stats = RefineStats() if stats is None else stats
+        stats.left_out = stages.strange(gaussians, scene, self, self.told)
+        if stats.left_out:
+            left = stages.others(gaussians, stats.left_out)
+            if not left:
+                stats.left_out, stats.reason = (), stages.AT_ODDS
+                return gaussians
+            gaussians = select_views(gaussians, left)
+        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
 
     def compress(
         self,

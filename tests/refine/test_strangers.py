@@ -61,6 +61,13 @@ def test_where_nothing_agrees_nobody_is_a_stranger(wall: tuple[np.ndarray, list[
     assert found(np.random.default_rng(0).uniform(size=wall[0].shape), wall[1]) == ()
 
 
+def test_two_photos_contradict_each_other_or_none(wall: tuple[np.ndarray, list[ts.Camera]]) -> None:
+    photos, cameras = wall[0][3:5].copy(), wall[1][3:5]
+    assert found(photos, cameras) == ()
+    photos[1] = np.random.default_rng(0).uniform(size=(HEIGHT // 4, WIDTH // 4, 3)).repeat(4, axis=0).repeat(4, axis=1)
+    assert found(photos, cameras) == (0, 1)
+
+
 def blurred(photo: np.ndarray) -> np.ndarray:
     return (photo + sum(np.roll(photo, by, axis) for by in (-2, -1, 1, 2) for axis in (0, 1))) / 9
 

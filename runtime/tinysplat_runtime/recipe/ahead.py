@@ -39,7 +39,9 @@ REFINED_STEPS = 8
 COMPARED: Steps = [("comparing photos", 3)]
 
 
-def ahead(way: Way, request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:
+def ahead(
+    way: Way, request: EncodeRequest, photos: int, budget: Refinement | None, *, is_compared: bool, is_coded: bool
+) -> Steps:
     """All steps of a request, from checks on.
 
     Args:
@@ -47,9 +49,10 @@ def ahead(way: Way, request: EncodeRequest, photos: int, budget: Refinement | No
         request: see there.
         photos: how many.
         budget: of refinement or training; None for neither.
+        is_compared: whether those that the others contradict are looked for.
         is_coded: whether a file of it is coded, and compared with photos.
     """
-    agreed = AGREED if budget else []
+    agreed = AGREED if is_compared else []
     return [*CHECKS, *way.steps, *agreed, *chosen_from_gaussians(request, photos, budget, is_coded=is_coded)]
 
 

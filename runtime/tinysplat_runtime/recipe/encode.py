@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..codec.job import EncodeStats, PhotoScene
@@ -20,7 +20,7 @@ from ..scene.scenes import Scene
 from ..system import printable
 from ..system.told import NOBODY, Told
 from .request import Coding, CompressRequest, EncodeRequest
-from .stages import Pruning, Tools, code, code_photos, others, refine, sparse, strange
+from .stages import AT_ODDS, Pruning, Tools, code, code_photos, others, refine, sparse, strange
 from .words import Refinement
 
 LIST_QP = -6.0
@@ -123,19 +123,23 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
     from .ahead import ahead, chosen_from_gaussians, from_gaussians
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
-    from .refinement import chosen
+    from .refinement import chosen, compares
 
     scene = prepared(request, told)
     way = _way(request, scene, tools)
     request, refinement = chosen(request, scene, way, told)
+    is_compared = compares(request, scene, way, refinement)
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
     photos = len(scene.frames)
-    told.plan(ahead(way, request, photos, refinement, is_coded=is_coded))
+    told.plan(ahead(way, request, photos, refinement, is_compared=is_compared, is_coded=is_coded))
     doubted = _doubted(scene, told)
     gaussians = _predicted(request, scene, way, told, stats)
-    if refinement and (out := _strange(gaussians, scene, lambda view: name_of(scene.frames[view]), tools, told, stats)):
-        left = others(photos, out)
+    names = [name_of(frame) for frame in scene.frames]
+    left = _left(gaussians, scene, names, tools, told, stats) if is_compared else [*range(photos)]
+    if not left:
+        refinement = None
+    elif len(left) < photos:
         scene, photos = scene.views(left), len(left)
         way = _way(request, scene, tools)
         told.plan([*way.steps, *chosen_from_gaussians(request, photos, refinement, is_coded=is_coded)])
@@ -166,16 +170,21 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     return _Made(gaussians, request, scene, doubted, refined)
 
 
-def _strange(
-    gaussians: Gaussians, scene: Scene, name: Callable[[int], str], tools: Tools, told: Told, stats: EncodeStats
-) -> tuple[int, ...]:
-    """`stages.strange`, which says what is left out, by `name` of a view."""
+def _left(
+    gaussians: Gaussians, scene: Scene, names: Sequence[str], tools: Tools, told: Told, stats: EncodeStats
+) -> list[int]:
+    """The views that are not `stages.strange`, none of two photos that contradict each other; which are is said by the
+    names of views.
+    """
     with stats.watch.stage("agree"):
         out = strange(gaussians, scene, tools, told)
-    if out:
-        names = printable.listed([name(view) for view in out])
-        told.say("doubt", f"left out {names}: the other photos contradict what it shows", scene.path)
-    return out
+    left = others(gaussians, out)
+    if out and left:
+        strangers = printable.listed([names[view] for view in out])
+        told.say("doubt", f"left out {strangers}: the other photos contradict what it shows", scene.path)
+    elif out:
+        told.say("doubt", f"not refined: {AT_ODDS}", scene.path)
+    return left
 
 
 def _doubted(scene: Scene, told: Told) -> tuple[str, ...]:
@@ -223,9 +232,12 @@ def compress(
     if request.photos is not None:
         scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
         told.plan([*AGREED, *refined(request.refine), *coded(gaussians)])
-        if out := _strange(gaussians, scene, "view {}".format, tools, told, stats):
-            gaussians = select_views(gaussians, others(len(gaussians.cameras), out))
-        gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
+        names = [f"view {view}" for view in range(len(gaussians.cameras))]
+        left = _left(gaussians, scene, names, tools, told, stats)
+        if len(left) < len(names):
+            gaussians = select_views(gaussians, left or range(len(names)))
+        if left:
+            gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
     told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)
     data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)

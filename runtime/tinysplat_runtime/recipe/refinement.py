@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib.util import find_spec
 
-from ..codec.modes import DEFAULT_MODE, EITHER, LIST
+from ..codec.modes import DEFAULT_MODE, EITHER, LIST, PHOTOS
 from ..errors import InputError
-from ..graphs.ways import Way
+from ..graphs.ways import LEAST_EACH, Way
 from ..render.near import FEW
 from ..scene.scenes import Scene
 from ..system.told import Told
@@ -44,6 +44,22 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[
         check_memory(scene, way, refined=True)
         return request, request.refine or Refinement()
     return request, _steps(request, scene, way, told)
+
+
+def compares(request: EncodeRequest, scene: Scene, way: Way, refinement: Refinement | None) -> bool:
+    """Whether photos that the others contradict are looked for, to be left out: where photos are to correct anything,
+    and of three or more, unless somebody wants no refinement, the views of another file, or the photos themselves, if
+    there are numba and memory for it.
+    """
+    if refinement is not None or request.refine is not None:
+        return bool(refinement) and request.like is None
+    if len(scene.frames) < LEAST_EACH or request.mode == PHOTOS or request.like is not None:
+        return False
+    try:
+        check_memory(scene, way, refined=True)
+    except InputError:
+        return False
+    return find_spec("numba") is not None
 
 
 def _steps(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refinement | None:

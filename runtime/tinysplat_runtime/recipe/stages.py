@@ -23,7 +23,6 @@ from ..container.limits import Limits
 from ..container.list import List
 from ..container.planes import Planes
 from ..errors import fast_for, warn
-from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
 from ..render import Renderer
@@ -45,6 +44,9 @@ if TYPE_CHECKING:
 
 MEASURED_VIEWS, MOST_JUDGED = 8, 16
 """Views that the error of Gaussians of no pixels is measured from, and of those with pixels at most."""
+
+AT_ODDS = "the two photos contradict each other"
+"""Why they refine nothing."""
 
 Fidelity: TypeAlias = Callable[[bytes], float]
 """dB of a file's pictures against those of the Gaussians that were given."""
@@ -84,17 +86,9 @@ def strange(gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBOD
     return strangers(MovableGaussians(gaussians, Crew(tools.threads).map), photos, told)
 
 
-def agreeing(
-    gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBODY
-) -> tuple[Gaussians, tuple[int, ...]]:
-    """The Gaussians of views that are not `strange`, and which are; arguments and errors as there."""
-    out = strange(gaussians, scene, tools, told)
-    return select_views(gaussians, others(len(gaussians.cameras), out)) if out else gaussians, out
-
-
-def others(count: int, out: Collection[int]) -> list[int]:
-    """Of so many views those that are not left out."""
-    return [view for view in range(count) if view not in out]
+def others(gaussians: Gaussians, out: Collection[int]) -> list[int]:
+    """The views of Gaussians that are not left out."""
+    return [view for view in range(len(gaussians.cameras)) if view not in out]
 
 
 def refine(

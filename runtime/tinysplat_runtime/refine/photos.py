@@ -46,9 +46,11 @@ def matched(gaussians: Gaussians, scene: Scene) -> Scene:
     if len(gaussians.cameras) < 2:
         raise InputError("one view, expected two or more: one photo says nothing about depth", where="gaussians")
     reach = reach_of(gaussians.cameras)
-    return scene.views([_frame(view, camera, scene, reach) for view, camera in enumerate(gaussians.cameras)]).resized(
-        gaussians.cameras[0].height, gaussians.cameras[0].width
-    )
+    height, width = gaussians.cameras[0].height, gaussians.cameras[0].width
+    own = scene.views([_frame(view, camera, scene, reach) for view, camera in enumerate(gaussians.cameras)])
+    if all((frame.camera.height, frame.camera.width) == (height, width) for frame in own.frames):
+        return own  # with photos that are kept, and need not be read again
+    return own.resized(height, width)
 
 
 def _frame(view: int, camera: Camera, scene: Scene, reach: float) -> int:

@@ -37,7 +37,7 @@ EVEN = 0.01
 
 
 def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = NOBODY) -> tuple[int, ...]:
-    """The photos that the others contradict, in order; none where they would be many.
+    """The photos that the others contradict, in order; none where they would be many, both of two.
 
     Args:
         field: the Gaussians of all photos.
@@ -45,8 +45,12 @@ def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = N
         told: is told of each photo.
     """
     sight, out = _Sight(field, targets), frozenset[int]()
+    if len(targets) == 2:
+        views = told.progress("comparing neighbours", (0, 1))
+        by_other, by_both = zip(*((sight.alike(view, {view}), sight.alike(view, ())) for view in views), strict=True)
+        return (0, 1) if max(by_other) < LEAST_ALIKE and min(by_both) < LEAST_OWN else ()
     most = max(1, int(MOST_OUT * len(targets)))
-    while len(targets) > 2:
+    while True:
         left = [view for view in range(len(targets)) if view not in out]
         looked_at = left if out else told.progress("comparing neighbours", left)
         apart = {view: sight.alike(view, out | {view}) for view in looked_at}
