@@ -23,8 +23,8 @@ from measure.tiny_runs import shows
 from scenes import refusing, tells
 
 from tinysplat.measure.metrics import psnr
-from tinysplat.measure.quality import ProfileQp, Quality, groups_of, mean_of_rows, mean_of_scenes, record
-from tinysplat.measure.rows import ROWS, Row, RowFile, read_rows
+from tinysplat.measure.quality import GROUP, ProfileQp, Quality, mean_of_rows, mean_of_scenes, record
+from tinysplat.measure.rows import ROWS, Row, RowFile, grouped, read_rows
 from tinysplat.measure.runner import RunOutcome, RunPlan, document, list_jobs, run_jobs
 from tinysplat.measure.show.quality import TABLES
 from tinysplat.measure.subjects.cases import Window, covered_pixels
@@ -192,7 +192,7 @@ def test_scenes_weigh_the_same_in_the_mean_of_scenes(measured):
     _, outcome = measured
     row = outcome.rows[0]
     rows = [changed(row, "a", 30.0), changed(row, "other", 10.0), changed(row, "other", 20.0)]
-    ((_, members),) = groups_of(rows)
+    (members,) = grouped(rows, *GROUP).values()
     assert mean_of_rows(members)["psnr"] == 20
     assert mean_of_scenes(members)["psnr"] == 22.5
     assert shows(TABLES["quality summary"](rows), 22.5)

@@ -36,8 +36,8 @@ from .subjects.cases import Shots, WindowJob, covered_pixels
 
 STUDY = "quality"
 
-IDENTITY = ("kind", "views", "model", "profile", "qp", "height", "width")
-"""What rows of one group have in common."""
+GROUP = ("kind", "views", "model", "profile", "qp", "size")
+"""What rows that compare have in common."""
 
 _UNKNOWN = dict.fromkeys(("flip_raw", "flip", "lpips", "lpips_raw", "lpips_decoded_raw", "lpips_photo"))
 """Where the package or weights are missing."""
@@ -212,15 +212,6 @@ def record(row: Row) -> JsonObject:
     """A row as `eval --json` has it under `scenes`: one flat object, seconds under their own name."""
     setting = {name: value for name, value in row.setting.items() if name != "size"}
     return {**setting, **row.figures, "seconds": dict(row.costs)}
-
-
-def groups_of(rows: Iterable[Row]) -> list[tuple[JsonObject, list[Row]]]:
-    """Rows that differ in scene and window alone, with the values of IDENTITY, in order of first appearance."""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        values = {**row.setting, **row.figures}
-        groups.setdefault(tuple(values[name] for name in IDENTITY), []).append(row)
-    return [(dict(zip(IDENTITY, key, strict=True)), members) for key, members in groups.items()]
 
 
 def mean_of(values: Sequence[Any]) -> Any:

@@ -13,8 +13,8 @@ from tinysplat_runtime.system.progress import progress
 
 from ..workers import run_here, run_processes
 from .machine import describe_machine
-from .quality import Quality, groups_of, mean_of_rows, mean_of_scenes, record
-from .rows import Row, RowFile
+from .quality import GROUP, Quality, mean_of_rows, mean_of_scenes, record
+from .rows import Row, RowFile, grouped
 from .subjects.cases import LeftOut, Source, WindowJob
 
 
@@ -133,10 +133,12 @@ def document(outcome: RunOutcome, lpips: str, threads: int, processes: int) -> J
     `scenes` has one entry per window and coding, `mean` the means over all of them, and `groups` the means of those
     that compare: of one kind, number of views, model, profile, Q_g and size.
     """
-    groups = [
-        {**identity, "windows": len(rows), "mean": mean_of_rows(rows), "mean_of_scenes": mean_of_scenes(rows)}
-        for identity, rows in groups_of(outcome.rows)
-    ]
+    groups: list[JsonObject] = []
+    for values, rows in grouped(outcome.rows, *GROUP).items():
+        identity = dict(zip(GROUP, values, strict=True))
+        height, width = identity.pop("size")
+        means = {"mean": mean_of_rows(rows), "mean_of_scenes": mean_of_scenes(rows)}
+        groups.append({**identity, "height": height, "width": width, "windows": len(rows), **means})
     return {
         "scenes": [record(row) for row in outcome.rows],
         "mean": mean_of_rows(outcome.rows),

@@ -7,12 +7,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ..quality import STUDY, mean_of_rows
+from ..quality import GROUP, STUDY, mean_of_rows
 from ..rows import Row, grouped
 from .tables import Cell, Listing, Table, decibels, digits, format_table, kilobytes, mean, said
-
-GROUP = ("kind", "views", "model", "profile", "qp", "size")
-"""What rows that compare have in common."""
 
 FEW = 7
 """Scenes that a terminal has columns for."""
@@ -66,37 +63,32 @@ def _before(rows: Sequence[Row]) -> str:
     return mean("psnr_before", decibels)(refined)
 
 
-_LEVELS: dict[str, Cell] = {
+_COLUMNS: dict[str, Cell] = {
+    "windows": _windows,
     "photo dB": mean("psnr_photo", decibels),
     "raw dB": mean("psnr_raw", decibels),
     "coded dB": mean("psnr", decibels),
+    "dB before refinement": _before,
+    "covered photo dB": mean("psnr_photo_covered", decibels),
+    "covered raw dB": mean("psnr_raw_covered", decibels),
+    "covered dB": mean("psnr_covered", decibels),
+    "coded–raw dB": mean("psnr_decoded_raw", decibels),
+    "SSIM raw": mean("ssim_raw", digits(4)),
+    "SSIM": mean("ssim", digits(4)),
+    "FLIP": mean("flip", digits(4)),
+    "sharpness raw": mean("sharpness_raw", digits(3)),
+    "sharpness": mean("sharpness", digits(3)),
+    "LPIPS": mean("lpips", digits(4)),
+    "KB": mean("bytes", kilobytes),
+    "network s": mean("network", digits(2), "costs"),
+    "encode s": partial(_seconds, ENCODE_STAGES, write=digits(2)),
+    "decode s": partial(_seconds, DECODE_STAGES, write=digits(3)),
+    "render s": mean("render", digits(3), "costs"),
 }
 
-_RESULTS = Listing(
-    STUDY,
-    {
-        "scene": said("scene"),
-        "windows": _windows,
-        **_LEVELS,
-        "dB before refinement": _before,
-        "covered photo dB": mean("psnr_photo_covered", decibels),
-        "covered raw dB": mean("psnr_raw_covered", decibels),
-        "covered dB": mean("psnr_covered", decibels),
-        "coded–raw dB": mean("psnr_decoded_raw", decibels),
-        "SSIM raw": mean("ssim_raw", digits(4)),
-        "SSIM": mean("ssim", digits(4)),
-        "FLIP": mean("flip", digits(4)),
-        "sharpness raw": mean("sharpness_raw", digits(3)),
-        "sharpness": mean("sharpness", digits(3)),
-        "LPIPS": mean("lpips", digits(4)),
-        "KB": mean("bytes", kilobytes),
-        "network s": mean("network", digits(2), "costs"),
-        "encode s": partial(_seconds, ENCODE_STAGES, write=digits(2)),
-        "decode s": partial(_seconds, DECODE_STAGES, write=digits(3)),
-        "render s": mean("render", digits(3), "costs"),
-    },
-    by=("scene",),
-)
+_IN_SHORT = ("windows", "photo dB", "raw dB", "coded dB", "covered dB", "SSIM", "KB")  # what pages show
+
+_RESULTS = Listing(STUDY, {"scene": said("scene"), **_COLUMNS}, by=("scene",))
 
 _SUMMARY = Listing(
     STUDY,
@@ -104,11 +96,7 @@ _SUMMARY = Listing(
         "": _named,
         "network, coding": _coded,
         "scenes": lambda rows: str(len(rows)),
-        "windows": _windows,
-        **_LEVELS,
-        "covered dB": mean("psnr_covered", decibels),
-        "SSIM": mean("ssim", digits(4)),
-        "KB": mean("bytes", kilobytes),
+        **{head: _COLUMNS[head] for head in _IN_SHORT},
     },
     by=GROUP,
 )
