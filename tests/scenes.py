@@ -22,13 +22,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tinysplat_runtime.codec.job import EncodeStats
+from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.list.encoder import ListEncoder
 from tinysplat_runtime.codec.list.levels import Level, Tiers
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
+from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.render import DEFINITION, between, render
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
@@ -208,13 +209,13 @@ def make_list(count: int, degree: int, rng: np.random.Generator, size: float = 1
     return Gaussians(means, rng.normal(size=(count, 4)), scales, rng.uniform(0.02, 1, count), sh)
 
 
-def list_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, ...] = (0.3, 0.1), **options) -> bytes:
+def list_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, ...] = (0.3, 0.1)) -> bytes:
     """A list in three tiers, those of the largest opacities first."""
     levels = (Level(0.1, 0.7, 0.75), Level(0.3, 0.8, 0.8), Level(1, 1.1, 1))
     ranks = np.argsort(np.argsort(-gaussians.opacities, kind="stable"))
     numbers = sum(ranks >= level.share * gaussians.count for level in levels[:2]).astype(np.uint8)
-    options = {"threads": 1, "stats": EncodeStats(), "tiers": Tiers(levels, numbers, growths), **options}
-    return ListEncoder(gaussians, find_profile("balanced"), **options).code(qp)
+    job = Job(gaussians, find_profile("balanced"), qp, GraphStore(), threads=1, stats=EncodeStats())
+    return ListEncoder(job, tiers=Tiers(levels, numbers, growths)).code(qp)
 
 
 def make_photo(height: int, width: int, seed: int = 0) -> NDArray:

@@ -13,7 +13,7 @@ from tinysplat_runtime.codec.adaptive import known_steps
 from tinysplat_runtime.codec.profiles import ADAPTIVE, find_profile
 from tinysplat_runtime.gaussian.planes import PlaneClass
 from tinysplat_runtime.refine import kernels
-from tinysplat_runtime.refine.price import plane_prices
+from tinysplat_runtime.refine.price import Coded, plane_prices
 from tinysplat_runtime.render.gradient import MovableGaussians
 from tinysplat_runtime.render.kernels_place import LOG_DEPTH, LOG_SIZE, LOGIT, SH_RED
 from tinysplat_runtime.system.threads import Crew
@@ -73,7 +73,8 @@ def test_changes_of_depth_cost_their_variation_by_the_weight_of_every_edge() -> 
 def test_changes_cost_bits_of_the_planes_that_are_coded() -> None:
     gaussians, rng = make_smooth_gaussians(2, 5, 6, degree=0), np.random.default_rng(1)
     grids = MovableGaussians(gaussians, Crew(1).map).grids
-    price, coarse = (plane_prices(gaussians, grids, find_profile("balanced"), qp, 0.3, 0.1)[grids[1]] for qp in (0, 6))
+    coded = [Coded(find_profile("balanced"), qp) for qp in (0, 6)]
+    price, coarse = (plane_prices(gaussians, grids, one, 0.3, 0.1)[grids[1]] for one in coded)
     camera = gaussians.cameras[1]
     z = (gaussians.means[1] - camera.centre) @ camera.rotation[2]
     sizes = gaussians.scales[1].mean(axis=-1) * camera.focal / z

@@ -97,22 +97,20 @@ class PruningEncoder(Coder):
             seconds: after which no more is looked for that could go.
             together: Gaussians that are ranked together, at most.
         """
-        gaussians, stats, told = job.gaussians, job.stats, job.told
-        self.profile, self._threads, self._stats, self._told = job.profile, job.threads, stats, told
-        self._views, until = views, time.monotonic() + seconds
+        self.profile, self._job, self._views = job.profile, job, views
+        until = time.monotonic() + seconds
         # removers hold it, and would hold the encoder with a method of its
         self._is_late: Callable[[], bool] = lambda: time.monotonic() > until
-        self._whole = ListEncoder(gaussians, job.profile, threads=job.threads, stats=stats, views=views)
+        self._whole = ListEncoder(job, views=views)
         self._terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, self._whole.steps.sparse)
-        self._notes = gaussians.notes
-        with stats.watch.stage("rank"):
-            shown = visible(gaussians)
+        with job.stats.watch.stage("rank"):
+            shown = visible(job.gaussians)
             rows = blocks_of(shown.means, together)
             if len(rows) == 1:
                 self._blocks = [self._block(shown, views, self._whole)]
                 return
             self._blocks = []
-            for own in told.progress("looking at blocks", rows):
+            for own in job.told.progress("looking at blocks", rows):
                 block = taken(shown, own)
                 coder = self._whole.of_block(block, views, self._whole.steps)
                 self._blocks.append(self._block(block, views_of_block(block, views), coder))
@@ -122,20 +120,20 @@ class PruningEncoder(Coder):
         remover = None
         if views.deciding and not self._is_late():
             remover = Remover(
-                gaussians, views.deciding, Crew(self._threads).map, views.judging, self._is_late, self._told
+                gaussians, views.deciding, Crew(self._job.threads).map, views.judging, self._is_late, self._job.told
             )
         return _Block(gaussians, coder, remover)
 
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `ListEncoder.code`."""
-        with self._stats.watch.stage("rank"):
+        with self._job.stats.watch.stage("rank"):
             pruned, penalties = self._pruned(qp)
             tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, pruned, strict=True)])
         whole = Pruned.joined(pruned)
-        self._stats.left_out, self._stats.left_out_psnr = whole.left_out, whole.psnr
+        self._job.stats.left_out, self._job.stats.left_out_psnr = whole.left_out, whole.psnr
         if self._is_late():
             warn("time for pruning was up: more is kept than needs to be")
-        kept = whole.gaussians.with_notes(replace(self._notes, pruned=whole.text))
+        kept = whole.gaussians.with_notes(replace(self._job.gaussians.notes, pruned=whole.text))
         ends = np.cumsum([own.rows.size for own in pruned])
         del pruned, whole
 
@@ -148,18 +146,14 @@ class PruningEncoder(Coder):
             return sh
 
         coder = ListEncoder(
-            kept,
-            self.profile,
-            threads=self._threads,
-            stats=self._stats,
+            replace(self._job, gaussians=kept),
             views=self._views,
             steps=self._whole.steps,
             tiers=tiers,
-            told=self._told,
             recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
         )
         disk.let_go()
-        self._told.say("step", "coding")
+        self._job.told.say("step", "coding")
         return coder.code(qp, self._terms.steps)
 
     def _pruned(self, qp: float) -> tuple[list[Pruned], list[float]]:
@@ -183,7 +177,7 @@ class PruningEncoder(Coder):
             return f"{sum(own.left_out for own in found):,} left out"
 
         several = len(self._blocks) > 1
-        for block in self._told.progress("blocks", self._blocks, note) if several else self._blocks:
+        for block in self._job.told.progress("blocks", self._blocks, note) if several else self._blocks:
             one = Pruned.none(block.gaussians) if block.remover is None else block.remover.prune(worth, penalties)
             found.append(Pruned.joined([one]))
             del one

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +44,9 @@ def merged(gaussians: Gaussians, kept: NDArray, gone: NDArray) -> Gaussians:
     covariances, means = axes @ axes.swapaxes(1, 2), gaussians.means.astype(np.float64)
     areas = np.prod(scales, axis=1) ** (2 / 3)
     into = np.full(len(gone), -1)
-    logs = np.log(scales).sum(axis=1)
+    looks = Looks(means, covariances, np.log(scales).sum(axis=1), C0 * gaussians.sh[:, 0].astype(np.float64))
     for near in _neighbours(means, kept, gone):
-        choose(means, covariances, logs, C0 * gaussians.sh[:, 0].astype(np.float64), gone, near, UNLIKE, into)
+        choose(looks, gone, near, UNLIKE, into)
     rows = np.concatenate([kept, gone[into >= 0]])
     to = np.concatenate([np.arange(len(kept)), np.searchsorted(kept, into[into >= 0])])
     mass = gaussians.opacities[rows] * areas[rows]
@@ -91,38 +92,41 @@ def principal_axes(covariances: NDArray) -> tuple[NDArray, NDArray]:
     return np.sqrt(np.maximum(values, 1e-30)), matrices_to_quats(vectors)
 
 
+class Looks(NamedTuple):
+    """What likeness is judged by.
+
+    Attributes:
+        means, covariances, colours: (N, 3), (N, 3, 3), (N, 3) float64.
+        logs: (N,) of the square roots of determinants.
+    """
+
+    means: NDArray
+    covariances: NDArray
+    logs: NDArray
+    colours: NDArray
+
+
 @compiled
-def choose(
-    means: NDArray,
-    covariances: NDArray,
-    logs: NDArray,
-    colours: NDArray,
-    gone: NDArray,
-    near: NDArray,
-    most: Number,
-    into: NDArray,
-) -> None:
+def choose(looks: Looks, gone: NDArray, near: NDArray, most: Number, into: NDArray) -> None:
     """Take the candidate where it is liker than what was taken before.
 
     Args:
-        means, covariances, colours: (N, 3), (N, 3, 3), (N, 3) float64.
-        logs: (N,) of the square roots of determinants.
+        looks: of all.
         gone, near: (n,) rows.
         most: the distance from which nothing is taken.
         into: (n,) rows taken, −1 for none; changed.
     """
     for number in range(gone.size):
         own = gone[number]
-        found = _unlikeness(means, covariances, logs, colours, own, near[number])
+        found = _unlikeness(looks, own, near[number])
         before = into[number]
-        if found < most and (before < 0 or found < _unlikeness(means, covariances, logs, colours, own, before)):
+        if found < most and (before < 0 or found < _unlikeness(looks, own, before)):
             into[number] = near[number]
 
 
 @compiled
-def _unlikeness(
-    means: NDArray, covariances: NDArray, logs: NDArray, colours: NDArray, one: Number, other: Number
-) -> Number:
+def _unlikeness(looks: Looks, one: Number, other: Number) -> Number:
+    means, covariances, logs, colours = looks
     a = 0.5 * (covariances[one] + covariances[other])
     x, y, z = means[one, 0] - means[other, 0], means[one, 1] - means[other, 1], means[one, 2] - means[other, 2]
     p, s, u = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 0] * a[2, 2] - a[0, 2] ** 2, a[0, 0] * a[1, 1] - a[0, 1] ** 2

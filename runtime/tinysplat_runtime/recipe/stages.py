@@ -103,11 +103,12 @@ def refine(
 ) -> Gaussians:
     """Gaussians that show their photos better; see `Runtime.refine`, whose default None stands for."""
     with fast_for("refine"):
+        from ..refine.price import Coded
         from ..refine.refine import Refining
+    coded, run_jobs = Coded(coding.planes, coding.step_qp), Crew(tools.threads).map
     budget = Refinement() if refinement is None else refinement
-    coded = coding.planes, coding.step_qp, Crew(tools.threads).map
     steps, seconds = budget.steps, budget.seconds
-    return Refining(gaussians, scene, *coded, steps=steps, seconds=seconds, stats=stats, told=told).run(told)
+    return Refining(gaussians, scene, coded, run_jobs, steps=steps, seconds=seconds, stats=stats).run(told)
 
 
 def sparse(

@@ -56,12 +56,20 @@ class PlanePrice:
             gradient[kind] += slope / np.float32(self.color)
 
 
+@dataclass(frozen=True)
+class Coded:
+    """What Gaussians will be coded with."""
+
+    profile: Profile
+    qp: float
+
+
 def plane_prices(
-    gaussians: Gaussians, grids: tuple[Grid, ...], profile: Profile, qp: float, bit: float, color_bit: float
+    gaussians: Gaussians, grids: tuple[Grid, ...], coded: Coded, bit: float, color_bit: float
 ) -> dict[Grid, PlanePrice]:
     """A `PlanePrice` for every grid."""
-    settings = profile.settings if isinstance(profile.settings, AdaptiveSettings) else ADAPTIVE
-    coarser, views = 2 ** (qp / 6), len(gaussians.cameras)
+    settings = coded.profile.settings if isinstance(coded.profile.settings, AdaptiveSettings) else ADAPTIVE
+    coarser, views = 2 ** (coded.qp / 6), len(gaussians.cameras)
     first = [[plane.mean() for plane in _planes(gaussians, view)] for view in range(views)]
     inverse, size = (float(np.mean(means)) for means in zip(*first, strict=True))
     depth = _DEPTH_FINER * settings.depth_step * inverse * coarser

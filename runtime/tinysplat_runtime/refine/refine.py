@@ -12,10 +12,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.profiles import Profile
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
-from ..render.gradient import MovableGaussians
+from ..render.gradient import MovableGaussians, PhotoError
 from ..scene.scenes import Scene
 from ..system import disk
 from ..system.decibels import decibels
@@ -24,7 +23,7 @@ from .coarse import bring_up, halved, halved_picture, lacking_alike
 from .exposed import exposure_of
 from .loop import Look, Loop
 from .photos import matched, sizes_of
-from .price import plane_prices
+from .price import Coded, plane_prices
 from .schedule import steps_below
 from .settings import settings_for
 from .stats import RefineStats
@@ -59,28 +58,25 @@ class Refining:
         self,
         gaussians: Gaussians,
         scene: Scene,
-        profile: Profile,
-        qp: float,
+        coded: Coded,
         run_jobs: Callable,
         *,
         steps: int | None = None,
         seconds: float | None = None,
         stats: RefineStats | None = None,
-        told: Told = NOBODY,
     ) -> None:
-        """Look at the photos, and find what is wrong with them.
+        """Find the photos.
 
         Args:
             gaussians: per pixel, with cameras, of two views or more.
             scene: the photos, found by their cameras' poses; those of twice the size are used where they are at hand.
-            profile, qp: what the result will be coded with: what bits of its planes are worth is counted in its steps.
+            coded: what the result will be coded with: what bits of its planes are worth is counted in its steps.
             run_jobs: maps a function over a list, on any number of threads.
             steps: how many to take at most, without `seconds` as many as are usual: 8 for a capture, else 12; the same
                 number gives the same result on any number of threads.
-            seconds: for how long, in place of `steps`, with what is done here; no step begins that would end later, as
-                far as can be told.
+            seconds: for how long from now on, in place of `steps`; no step begins that would end later, as far as can
+                be told.
             stats: filled with what was done.
-            told: is told of each photo.
 
         Raises:
             InputError: photos that do not fit the Gaussians, or a budget out of range.
@@ -89,20 +85,41 @@ class Refining:
         self._deadline = math.inf if seconds is None else time.perf_counter() + seconds
         self.stats = stats if stats is not None else RefineStats()
         self._start, self._worse, self._least = gaussians, 0, Look(-math.inf, -math.inf)
-        self._told = profile, qp, run_jobs
+        self._coded, self._run_jobs = coded, run_jobs
         pixels = gaussians.opacities[0].size
         self._settings = settings_for(len(gaussians.cameras), pixels, below=steps_below(pixels, 1, MAX_STEPS) == 0)
+        self._loop: Loop | None = None
         self._smaller: _Smaller | None = None
         self._seconds = dict[str, float]()
         self._sizes = sizes_of(gaussians, matched(gaussians, scene), self._settings.closer)
-        moving = MovableGaussians(gaussians, run_jobs)
+
+    def _begin(self, told: Told) -> None:
+        """Look at the photos, and find what is wrong with them; `told` is told of each."""
+        gaussians, stats = self._start, self.stats
+        moving = MovableGaussians(gaussians, self._run_jobs)
         begun = time.perf_counter()
-        height, width = self._sizes[0][0].photo.shape[:2]
+        errors = self._errors(moving, told)
+        seconds = time.perf_counter() - begun
+        prices = self._prices(gaussians, moving)
+        self._loop = Loop(moving, self._sizes, prices, self._settings, self._run_jobs, self._exposures)
+        self._seconds["judging"] = seconds / len(errors) * len(self._loop.judged)
+        stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
+        self._look()
+        if not self._loop.held and all(map(operator.lt, stats.looks[0][1:], self._settings.least_shown)):
+            stats.reason = "photos contradict each other: Gaussians of the others hardly show them"
+            self._loop = None
+        elif self._loop.held:
+            stats.held = len(self._loop.held)
+            stats.before = stats.looks[0][1]
+
+    def _errors(self, moving: MovableGaussians, told: Told) -> list[PhotoError]:
+        """What each photo lacks at the start, as it was exposed; keeps exposures and halved pictures."""
+        views, (height, width) = len(self._sizes[0]), self._sizes[0][0].photo.shape[:2]
         shown, errors = np.zeros((height, width, 4), np.float32), []
-        self._exposures = np.tile([1.0, 0.0], (len(gaussians.cameras), 1))
-        self._halved = disk.zeros((len(gaussians.cameras), height // 2, width // 2, 3))
+        self._exposures = np.tile([1.0, 0.0], (views, 1))
+        self._halved = disk.zeros((views, height // 2, width // 2, 3))
         each = zip(self._sizes[0], self._halved, self._exposures, strict=True)
-        for target, half, exposure in told.progress("looking at photos", each, total=len(self._sizes[0])):
+        for target, half, exposure in told.progress("looking at photos", each, total=views):
             shares = moving.shares(target.camera)
             errors.append(moving.measure(target, shares=shares, shown=shown))
             half[:] = halved_picture(shown[..., :3])
@@ -111,28 +128,18 @@ class Refining:
                 exposed = moving.measure(replace(target, gain=gain, offset=offset), shares=shares)
                 if exposed.squared < MENDED * errors[-1].squared:
                     errors[-1], exposure[:] = exposed, (gain, offset)
-        seconds = time.perf_counter() - begun
-        prices = self._prices(gaussians, moving)
-        self._loop: Loop | None = Loop(moving, self._sizes, prices, self._settings, run_jobs, self._exposures)
-        self._seconds["judging"] = seconds / len(errors) * len(self._loop.judged)
-        self.stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
-        self._look()
-        if not self._loop.held and all(map(operator.lt, self.stats.looks[0][1:], self._settings.least_shown)):
-            self.stats.reason = "photos contradict each other: Gaussians of the others hardly show them"
-            self._loop = None
-        elif self._loop.held:
-            self.stats.held = len(self._loop.held)
-            self.stats.before = self.stats.looks[0][1]
+        return errors
 
     def run(self, told: Told = NOBODY) -> Gaussians:
-        """Take the steps.
+        """Look at the photos, and take the steps.
 
         Args:
-            told: is told of each step.
+            told: is told of each photo, and of each step.
 
         Returns:
             Gaussians whose notes say how they were refined, or those given.
         """
+        self._begin(told)
         most = self._limit if self._deadline == math.inf else None
         below = self._steps_below(self._limit)
         costs = [1.0] * below + [4.0] * (self._limit - below) if most else None
@@ -227,7 +234,7 @@ class Refining:
     def _go_down(self) -> _Smaller:
         """To a smaller copy."""
         assert self._loop is not None
-        gaussians, run_jobs = halved(self._start), self._told[2]
+        gaussians, run_jobs = halved(self._start), self._run_jobs
         moving = MovableGaussians(gaussians, run_jobs)
         targets = lacking_alike(self._sizes[0], self._halved, moving)
         settings = settings_for(len(gaussians.cameras), self._start.opacities[0].size, below=True)
@@ -247,9 +254,8 @@ class Refining:
             loop.exposures[:] = small.loop.exposures
 
     def _prices(self, gaussians: Gaussians, moving: MovableGaussians) -> dict:
-        profile, qp, _ = self._told
         bits = self._settings.price, self._settings.price_of_colour
-        return plane_prices(gaussians, moving.grids, profile, qp, *bits)
+        return plane_prices(gaussians, moving.grids, self._coded, *bits)
 
     def _timed(self, what: str, work: Callable[[], Made]) -> Made:
         start = time.perf_counter()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
 from ..gaussian.thin import opacities_kept
+from .settings import Settings
 
 COARSE_SIZE = 1.7
 """Of themselves: how large Gaussians of layers that close holes begin."""
@@ -25,15 +26,7 @@ _ROUNDS = 20
 
 
 def first(
-    capture: Gaussians,
-    photos: Sequence[NDArray],
-    count: int,
-    *,
-    functions: int,
-    texture: float,
-    larger: float,
-    opacity: float,
-    run_jobs: Callable,
+    capture: Gaussians, photos: Sequence[NDArray], count: int, settings: Settings, run_jobs: Callable
 ) -> Gaussians:
     """Gaussians (about `count`,) drawn from a capture's pixels, the more the more texture there is.
 
@@ -41,35 +34,25 @@ def first(
         capture: per pixel, with cameras.
         photos: by view, (H, W, 3) float32 of the capture's size, or any other of the same shape.
         count: how many.
-        functions: SH functions of each.
-        texture: what a photo's contrast counts.
-        larger: how much larger than their distance they begin.
-        opacity: theirs.
+        settings: which are drawn, and how they begin.
         run_jobs: maps a function over a list, on any number of threads.
     """
     rng, kept = np.random.default_rng(0), opacities_kept(capture, run_jobs, shown=1)
     contrasts = np.stack([_contrast(_of_size(photo, *kept[0].shape[1:])) for photo in photos])
-    weights = [np.maximum(kept[0], 0) * (1 + texture * contrasts)]
-    weights += [np.maximum(layer, 0) * (1 + texture * contrasts.mean()) for layer in kept[1:]]
+    weights = [np.maximum(kept[0], 0) * (1 + settings.texture * contrasts)]
+    weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
     if not any(weight.any() for weight in weights):
         weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
     odds = _odds(weights, count)
     chosen, parts = _drawn(odds, count, rng), list[Gaussians]()
     for number, layer in enumerate(capture.layers):
-        sizes = (larger / np.sqrt(odds[0][chosen[0]])).clip(1, LARGEST) if number == 0 else COARSE_SIZE
-        parts.append(_taken(layer, chosen[number], sizes, opacity, functions))
+        sizes = (settings.larger / np.sqrt(odds[0][chosen[0]])).clip(1, LARGEST) if number == 0 else COARSE_SIZE
+        parts.append(_taken(layer, chosen[number], sizes, settings.opacity, settings.functions))
     return parts[0].changed(**joined(parts))
 
 
 def further(
-    capture: Gaussians,
-    wrong: Sequence[NDArray],
-    count: int,
-    rng: np.random.Generator,
-    *,
-    functions: int,
-    size: float,
-    opacity: float,
+    capture: Gaussians, wrong: Sequence[NDArray], count: int, settings: Settings, rng: np.random.Generator
 ) -> Gaussians:
     """Gaussians (about `count`,) of a capture's pixels, the more the more is wrong there.
 
@@ -77,16 +60,14 @@ def further(
         capture: per pixel, with cameras.
         wrong: by view, (H, W) float32.
         count: how many.
+        settings: how they begin.
         rng: chooses.
-        functions: SH functions of each.
-        size: own pixels.
-        opacity: theirs.
     """
     surface = capture.layers[0]
     shape = surface.opacities.shape[1:]
     weight = np.stack([_of_size(view[..., None], *shape)[..., 0] for view in wrong]) * surface.opacities
     (chosen,) = _drawn(_odds([weight], count), count, rng)
-    return _taken(surface, chosen, size, opacity, functions)
+    return _taken(surface, chosen, settings.added_size, settings.added_opacity, settings.functions)
 
 
 def smoothed(plane: NDArray) -> NDArray:

@@ -161,16 +161,8 @@ class _Training:
         self._sizes = {4: quarters, 2: halves, 1: list(targets)}
         self._gains = np.ones(len(targets))
         self._rng = np.random.default_rng(0)
-        begun = start.first(
-            capture,
-            [target.photo for target in targets],
-            max(1, round(settings.start * count)),
-            functions=settings.functions,
-            texture=settings.texture,
-            larger=settings.larger,
-            opacity=settings.opacity,
-            run_jobs=self._run,
-        )
+        photos, least = [target.photo for target in targets], max(1, round(settings.start * count))
+        begun = start.first(capture, photos, least, settings, self._run)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
         stats.given = capture.count
@@ -225,15 +217,7 @@ class _Training:
         lacking = round(self._count * share) - field.count
         if lacking <= 0:
             return
-        new = start.further(
-            self._capture,
-            wrong,
-            lacking,
-            self._rng,
-            functions=settings.functions,
-            size=settings.added_size,
-            opacity=settings.added_opacity,
-        )
+        new = start.further(self._capture, wrong, lacking, settings, self._rng)
         self._descent.add(self._field(new.changed(**joined([gaussians, new]))))
 
     def _seen(self, gaussians: Gaussians) -> list[NDArray]:

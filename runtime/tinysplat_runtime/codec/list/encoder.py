@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +44,10 @@ from ...system import disk
 from ...system.decibels import decibels
 from ...system.evenly import evenly
 from ...system.threads import Crew
-from ...system.told import NOBODY, Told
 from ..depth_step.blocks import whole_steps
 from ..hevc import CodedPlane, encode_plane
-from ..job import EncodeStats, check_qp
-from ..profiles import EncoderSettings, Profile
+from ..job import Job, check_qp
+from ..profiles import EncoderSettings
 from ..quantise import CodeMap, choose_code_map, without_outliers
 from ..search import Coder
 from .attributes import KNEE, LEAST_SCALE, Columns, companded, to_columns
@@ -131,46 +129,38 @@ class ListEncoder(Coder):
 
     def __init__(
         self,
-        gaussians: Gaussians,
-        profile: Profile,
+        job: Job,
         *,
-        threads: int,
-        stats: EncodeStats,
         views: Views | None = None,
         steps: Steps | None = None,
         tiers: Tiers | None = None,
         recolour: Callable[[Gaussians, NDArray], NDArray] | None = None,
-        told: Told = NOBODY,
     ) -> None:
         """Leave out what no renderer shows.
 
         Args:
-            gaussians: any; with `tiers`, a list.
-            profile: how planes are coded.
-            threads: pictures coded at a time.
-            stats: filled with seconds.
+            job: any Gaussians, with `tiers` a list, and how they are coded; its Q_g is not looked at.
             views: where people look at them from; None for what `views_of` finds.
             steps: at Q_g = 0; None for those that pictures of `views` ask for.
             tiers: what a prefix shows first; None for one tier.
             recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had; told
-                which of `gaussians` they are.
-            told: who is told how many pictures are coded.
+                which of the job's they are.
 
         Raises:
             InputError: no Gaussian shows; or numbers beyond what a file can hold.
         """
-        shown = visible_rows(flat := gaussians.flat())
+        shown = visible_rows(flat := job.gaussians.flat())
         self._shown = np.flatnonzero(shown)
         self._gaussians = taken(flat, self._shown)
+        self._job, self._recolour = replace(job, gaussians=self._gaussians), recolour
+        self.profile = job.profile
         self._tiers = tiers.of(shown) if tiers else Tiers.whole(self._gaussians.count)
-        self._recolour, self._told = recolour, told
         views = views or views_of(self._gaussians)
         self._sizes = None if views.is_object else sizes_about(self._gaussians)
-        self.profile, self._threads, self._stats = profile, threads, stats
         # Order by weight leaves no blocks that have QPs of their own.
-        self._settings = replace(profile.encoder, block_qps=False)
+        self._settings = replace(job.profile.encoder, block_qps=False)
         if steps is None:
-            with stats.watch.stage("steps"):
+            with job.stats.watch.stage("steps"):
                 steps = self._of_pictures(views)
         self.steps = steps
 
@@ -183,9 +173,9 @@ class ListEncoder(Coder):
         """
         check_qp(qp)
         steps = self._steps_at(qp, factor)
-        with self._stats.watch.stage("sort"):
+        with self._job.stats.watch.stage("sort"):
             tiers = self._placed(steps)
-        with self._stats.watch.stage("x265"):
+        with self._job.stats.watch.stage("x265"):
             scene = self._coded(tiers, steps, self._settings)
         fault = range_fault(scene)
         if fault is not None:
@@ -193,7 +183,7 @@ class ListEncoder(Coder):
         pictures = [{c.channel.record.key: c.picture for c in tier.coded if c.picture} for tier in tiers]
         payloads = [{key: picture.payload for key, picture in own.items()} for own in pictures]
         sets = [next((picture.parameter_sets for picture in own.values()), b"") for own in pictures]
-        with self._stats.watch.stage("write"):
+        with self._job.stats.watch.stage("write"):
             origin, viewpoints = self._gaussians.origin, spread(self._gaussians.viewpoints, MOST_VIEWPOINTS)
             cameras, notes = rounded_cameras(viewpoints, origin), self._gaussians.notes
             head, sections = Head(cameras, origin, self.profile.name, qp, notes), list_sections(scene, sets)
@@ -230,7 +220,7 @@ class ListEncoder(Coder):
 
         def pictures(of: Callable[[ListEncoder], Gaussians]) -> Iterator[NDArray]:
             for coder, cameras in looked_at:
-                yield from pictures_of(of(coder), cameras, self._threads)
+                yield from pictures_of(of(coder), cameras, self._job.threads)
                 disk.let_go()
 
         wanted = list(pictures(lambda coder: coder._gaussians))
@@ -258,8 +248,7 @@ class ListEncoder(Coder):
 
     def of_block(self, block: Gaussians, views: Views, steps: Steps) -> ListEncoder:
         """The same for a block of them."""
-        kinds: dict[str, Any] = {"threads": self._threads, "stats": self._stats}
-        return ListEncoder(block, self.profile, views=views, steps=steps, **kinds)
+        return ListEncoder(replace(self._job, gaussians=block), views=views, steps=steps)
 
     def _placed(self, steps: Steps) -> list[_Tier]:
         """Tiers with their positions coded, each along the curve."""
@@ -278,8 +267,8 @@ class ListEncoder(Coder):
 
     def _coded(self, tiers: Sequence[_Tier], steps: Steps, settings: EncoderSettings | None) -> ListScene:
         """The scene, and in each tier its channels in the order of records; without settings rounded alone."""
-        run_jobs = Crew(self._threads).map
-        code = _ChannelCoder(steps, settings, self._told.counted("coding", run_jobs) if settings else run_jobs)
+        run_jobs = Crew(self._job.threads).map
+        code = _ChannelCoder(steps, settings, self._job.told.counted("coding", run_jobs) if settings else run_jobs)
         sizes = np.concatenate([tier.columns.sizes for tier in tiers])
         middle = _middle(sizes) if steps.by_size else _far_below(sizes)
         thresholds, weights = _code_shapes(tiers, middle, code)

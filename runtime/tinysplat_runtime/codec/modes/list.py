@@ -27,7 +27,7 @@ def encoder(job: Job, views: Views | None = None) -> ListEncoder:
     from ..list.encoder import ListEncoder
 
     job.told.say("step", "coding")
-    return ListEncoder(job.gaussians, job.profile, threads=job.threads, stats=job.stats, views=views, told=job.told)
+    return ListEncoder(job, views=views)
 
 
 def decode(file: OpenFile, body: List) -> Gaussians:
