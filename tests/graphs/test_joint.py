@@ -11,7 +11,7 @@ from networks.two_planes import FAR, NEAR, TracedScene, trace
 from numpy.typing import NDArray
 
 from tinysplat_runtime.graphs import kernels_joint as k
-from tinysplat_runtime.graphs.joint import joint_depth
+from tinysplat_runtime.graphs.joint import Photos, joint_depth
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
@@ -25,7 +25,7 @@ def scene() -> TracedScene:
 
 def agreed(inverse: NDArray, scene: TracedScene, threads: int = 1) -> NDArray:
     Ks = np.stack([camera.K for camera in scene.cameras])
-    return joint_depth(inverse, scene.images, Ks, scene.cameras, NEAR, FAR, Crew(threads).map)
+    return joint_depth(inverse, Photos(scene.images, Ks, scene.cameras, NEAR, FAR), Crew(threads).map)
 
 
 def wrong_in_places(scene: TracedScene) -> tuple[NDArray, NDArray]:
@@ -53,7 +53,7 @@ def test_a_photo_of_elsewhere_stays_and_tells_others_nothing(scene: TracedScene)
     cameras = [c if v != 2 else Camera(c.K, away, W, H) for v, c in enumerate(scene.cameras)]
     wrong, _ = wrong_in_places(scene)
     Ks = np.stack([camera.K for camera in cameras])
-    found = joint_depth(wrong, scene.images, Ks, cameras, NEAR, FAR, Crew(1).map)
+    found = joint_depth(wrong, Photos(scene.images, Ks, cameras, NEAR, FAR), Crew(1).map)
     assert np.array_equal(found[2], wrong[2])
     others = [0, 1, 3, 4]
     four = TracedScene(**{**vars(scene), "cameras": [cameras[v] for v in others]})

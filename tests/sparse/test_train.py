@@ -15,7 +15,7 @@ from tinysplat_runtime.refine.descent import Pace
 from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.render.gradient import Target
 from tinysplat_runtime.sparse.pictures import own_pictures
-from tinysplat_runtime.sparse.settings import Settings
+from tinysplat_runtime.sparse.settings import Budget, Settings
 from tinysplat_runtime.sparse.train import TrainStats, trained
 
 AT_MOST = 700
@@ -55,7 +55,7 @@ def mean_psnr(drawn: Gaussians, targets: list[Target]) -> float:
 
 def test_few_gaussians_show_the_photos_where_all_of_the_capture_do_not(torn) -> None:
     capture, targets = torn
-    found = trained(capture, targets, count=AT_MOST, steps=140, threads=2, stats=(stats := TrainStats()))
+    found = trained(capture, targets, Budget(AT_MOST, 140), threads=2, stats=(stats := TrainStats()))
     assert 0 < found.count == stats.kept <= AT_MOST < capture.count == stats.given
     assert mean_psnr(found, targets) > mean_psnr(thinned(capture), targets) + 3
     assert np.mean(stats.psnr) == pytest.approx(mean_psnr(found, targets), abs=1)
@@ -67,9 +67,9 @@ def test_photos_of_different_exposure_are_as_good_as_others(torn) -> None:
     capture, targets = torn
     gains = np.array([1, 0.8, 1.15, 1, 0.9, 1.1, 1.05])
     darker = [replace(one, photo=np.float32(gain) * one.photo) for one, gain in zip(targets, gains, strict=True)]
-    count = {"count": AT_MOST, "steps": 210, "threads": 2}
-    found = trained(capture, darker, **count, settings=Settings(fade=0), stats=(stats := TrainStats()))
-    fixed = trained(capture, darker, **count, settings=Settings(fade=0, exposure=9.0))
+    given = capture, darker, Budget(AT_MOST, 210)
+    found = trained(*given, threads=2, settings=Settings(fade=0), stats=(stats := TrainStats()))
+    fixed = trained(*given, threads=2, settings=Settings(fade=0, exposure=9.0))
     assert np.corrcoef(stats.gains, gains)[0, 1] > 0.9
     assert mean_psnr(found, targets) > mean_psnr(fixed, targets)
 
@@ -79,14 +79,14 @@ def test_what_photos_do_not_know_is_left_out(torn) -> None:
     holes = [replace(one, photo=one.photo.copy()) for one in targets]
     for one in holes:
         one.photo[4:9, 10:20] = np.nan
-    found = trained(capture, holes, count=AT_MOST, steps=30, threads=1)
+    found = trained(capture, holes, Budget(AT_MOST, 30), threads=1)
     assert np.isfinite(found.means).all() and np.isfinite(found.sh).all()
 
 
 def test_without_photos_it_learns_what_the_capture_shows(torn) -> None:
     capture, _ = wall(np.full(7, 3.0))
     pictures = own_pictures(capture, 1)
-    found = trained(capture, pictures, count=AT_MOST, steps=60, threads=1)
+    found = trained(capture, pictures, Budget(AT_MOST, 60), threads=1)
     known = [one for one in pictures if np.isfinite(one.photo).all()]
     assert known and mean_psnr(found, known) > 25
 
@@ -94,15 +94,15 @@ def test_without_photos_it_learns_what_the_capture_shows(torn) -> None:
 def test_the_same_steps_give_the_same_on_any_number_of_threads_and_what_fades_goes(torn) -> None:
     capture, targets = torn
     fast = Settings(pace=Pace(move=0, log_scale=0, sh=0, logit=2, last=1), start=1.0)  # so that many fade
-    one, three = (trained(capture, targets, count=AT_MOST, steps=30, threads=n, settings=fast) for n in (1, 3))
+    one, three = (trained(capture, targets, Budget(AT_MOST, 30), threads=n, settings=fast) for n in (1, 3))
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
-    assert one.count < trained(capture, targets, count=AT_MOST, steps=1, threads=1, settings=fast).count
+    assert one.count < trained(capture, targets, Budget(AT_MOST, 1), threads=1, settings=fast).count
 
 
 def test_seconds_end_it_and_that_is_said(torn) -> None:
     capture, targets = torn
-    trained(capture, targets, count=AT_MOST, steps=10**6, seconds=0.5, threads=1, stats=(stats := TrainStats()))
+    trained(capture, targets, Budget(AT_MOST, 10**6, 0.5), threads=1, stats=(stats := TrainStats()))
     assert (
         1 <= stats.steps < stats.planned == 10**6 and stats.is_cut_short and tells(stats.text, f"{stats.steps} {10**6}")
     )
@@ -116,12 +116,12 @@ def test_seconds_end_it_and_that_is_said(torn) -> None:
         (lambda *given: given, {"seconds": 0.0}, "seconds"),
         (lambda *given: given, {"seconds": float("nan")}, "seconds"),
         (lambda *given: given, {"steps": 0}, "steps"),
-        (lambda *given: given, {"count": 0}, "count"),
+        (lambda *given: given, {"gaussians": 0}, "gaussians"),
     ],
 )
 def test_what_cannot_be_trained_is_said(torn, change, options: dict, where: str) -> None:
     with pytest.raises(InputError) as caught:
-        trained(*change(*torn), **options)
+        trained(*change(*torn), Budget(**options))
     assert caught.value.where == where
 
 
@@ -133,7 +133,7 @@ def test_what_is_before_nothing_is_seen_through_not_black(torn) -> None:
     masked = [replace(one, nothing=right) for one in black]
     covered = {}
     for name, given in (("black", black), ("nothing", masked)):
-        found = trained(capture, given, count=AT_MOST, steps=140, threads=2)
+        found = trained(capture, given, Budget(AT_MOST, 140), threads=2)
         covered[name] = [
             render(found, one.camera, **DEFINITION, outputs=("alpha",))["alpha"][:, 20:].mean() for one in targets
         ]

@@ -152,7 +152,7 @@ class _Capture:
 
     def agree(self, run_jobs: Callable, frames: Sequence[Frame], told: Told) -> None:
         """Correct depths of all photos, of which every one is estimated, until they agree."""
-        from .joint import joint_depth, marks_of  # needs numba
+        from .joint import Photos, joint_depth, marks_of  # needs numba
 
         camera, levels = self.cameras[0], self.estimates["level"]
         views, _, _, *padded_to = levels.shape
@@ -166,7 +166,8 @@ class _Capture:
         marks = marks_of(frames, height, width)
         size = np.array([[padded_to[1]], [padded_to[0]], [1.0]])
         Ks = np.stack(self.units).astype(np.float64) * size
-        found = joint_depth(inverse, colours, Ks, self.cameras, self.near, self.far, run_jobs, told, marks)
+        photos = Photos(colours, Ks, self.cameras, self.near, self.far, marks)
+        found = joint_depth(inverse, photos, run_jobs, told)
         rest = [(0, padded_to[0] - height), (0, padded_to[1] - width)]
         for v in range(views):
             maps = np.pad(found[v], rest, mode="edge")

@@ -51,37 +51,41 @@ FLATTEN = 3
 """Radius of the medians that slopes are smoothed with, pixels."""
 
 
-def joint_depth(
-    inverse: NDArray,
-    colours: NDArray,
-    Ks: NDArray,
-    cameras: Sequence[Camera],
-    near: float,
-    far: float,
-    run_jobs: Callable,
-    told: Told = NOBODY,
-    marks: NDArray | None = None,
-) -> NDArray:
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """Photos of one exposure at the size of maps.
+
+    Attributes:
+        colours: (V, h, w, 3) float32 in [0, 1].
+        Ks: (V, 3, 3) float64 intrinsics at that size, pixels.
+        cameras: where they were taken.
+        near, far: depths between which the scene lies, scene units.
+        marks: (V, h, w) of `marks_of`; None where all pixels count.
+    """
+
+    colours: NDArray
+    Ks: NDArray
+    cameras: Sequence[Camera]
+    near: float
+    far: float
+    marks: NDArray | None = None
+
+
+def joint_depth(inverse: NDArray, photos: Photos, run_jobs: Callable, told: Told = NOBODY) -> NDArray:
     """Correct the inverse depths of a capture's photos.
 
     Args:
         inverse: (V, h, w) float32, what a network found, per scene unit.
-        colours: (V, h, w, 3) float32 in [0, 1], photos of one exposure at the same size.
-        Ks: (V, 3, 3) float64 intrinsics at that size, pixels.
-        cameras: where the photos were taken.
-        near, far: depths between which the scene lies, scene units.
+        photos: what they show.
         run_jobs: calls a function of each of a list, as `system.threads.Crew.map` does.
         told: is told of each pass.
-        marks: (V, h, w) of `marks_of`; None where all pixels count.
 
     Returns:
         (V, h, w) float32; photos without a partner as they were.
     """
     views = range(len(inverse))
-    beside = [
-        _Beside.of(v, partners[:SOURCES], cameras, Ks)
-        for v, partners in enumerate(Neighbours.of(cameras, near, far).partners)
-    ]
+    neighbours = Neighbours.of(photos.cameras, photos.near, photos.far)
+    beside = [_Beside.of(v, partners[:SOURCES], photos) for v, partners in enumerate(neighbours.partners)]
     matched = [v for v in views if len(beside[v].views) > 1]
     passes, margin = (PASSES, MARGIN) if len(views) > FEW else (FEW_PASSES, FEW_MARGIN)
     planes, found = disk.zeros((len(views), 3, *inverse.shape[1:])), disk.zeros(inverse.shape)
@@ -92,17 +96,18 @@ def joint_depth(
 
     def show(v: int) -> None:
         """What a photo has found becomes what others are held against."""
-        found[v] = planes[v, 0] if marks is None else np.where(np.isnan(marks[v]), planes[v, 0], marks[v])
+        marks = None if photos.marks is None else photos.marks[v]
+        found[v] = planes[v, 0] if marks is None else np.where(np.isnan(marks), planes[v, 0], marks)
 
     def improve(v: int) -> None:
-        low, high = max(float(inverse[v].min()) * BELOW, 0.3 / far), float(inverse[v].max()) * ABOVE
-        beside[v].search(colours, found, inverse[v], planes[v], beside[v].candidates(found), low, high)
+        low, high = max(float(inverse[v].min()) * BELOW, 0.3 / photos.far), float(inverse[v].max()) * ABOVE
+        beside[v].search(photos.colours, found, inverse[v], planes[v], beside[v].candidates(found), low, high)
 
     def settle(v: int) -> None:
         """The better of what was found and what the network says becomes a photo's."""
         none, own = np.zeros((0, *inverse.shape[1:]), np.float32), planes[v, 0].copy()
         now, before = (
-            beside[v].search(colours, found, inverse[v], _sloped(maps), none, 0, 1) for maps in (own, inverse[v])
+            beside[v].search(photos.colours, found, inverse[v], _sloped(maps), none, 0, 1) for maps in (own, inverse[v])
         )
         medians(np.where(before - now < margin, inverse[v], own), CLEAN, planes[v, 0])
 
@@ -148,8 +153,9 @@ class _Beside:
     b: NDArray
 
     @classmethod
-    def of(cls, v: int, sources: Sequence[int], cameras: Sequence[Camera], Ks: NDArray) -> _Beside:
-        """Photo `v`; the others as for `joint_depth`."""
+    def of(cls, v: int, sources: Sequence[int], photos: Photos) -> _Beside:
+        """Photo `v`."""
+        cameras, Ks = photos.cameras, photos.Ks
         A, b = np.zeros((len(sources), 3, 3)), np.zeros((len(sources), 3))
         inverse = np.linalg.inv(Ks[v])
         for s, u in enumerate(sources):

@@ -24,6 +24,7 @@ from ..refine.free import FreeGaussians
 from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
 from ..sparse.pictures import photos_of
+from ..sparse.settings import Budget
 from ..sparse.train import trained
 from ..system.evenly import evenly
 from ..system.threads import Crew
@@ -111,9 +112,8 @@ def contest(gaussians: Gaussians, scene: Scene, request: EncodeRequest, tools: T
         shares, shown = refined.shares(photo.camera), np.zeros((*photo.photo.shape[:2], 4), np.float32)
         refined.measure(photo, shares=shares, shown=shown)
         views.append(refined.measure(_as_bright(photo, shown), shares=shares))
-    made = trained(
-        apart, [photos[view] for view in others], count=request.at_most, steps=STEPS, threads=tools.threads, told=told
-    )
+    given, budget = [photos[view] for view in others], Budget(request.at_most, STEPS)
+    made = trained(apart, given, budget, threads=tools.threads, told=told)
     one = FreeGaussians(made, units(made, made.viewpoints), run_jobs)
     return Contest(
         Shown.of(views), Shown.of([one.measure(_as_bright(photo, one.draw(photo.camera))) for photo in sought])

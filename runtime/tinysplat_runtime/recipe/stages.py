@@ -116,12 +116,11 @@ def sparse(
 ) -> Gaussians:
     """A list of at most so many Gaussians that shows pictures of a capture; see `sparse.train.trained`."""
     with fast_for("at_most"):
+        from ..sparse.settings import Budget
         from ..sparse.train import TrainStats, trained
     stats, budget = TrainStats(), budget or Refinement()
-    steps, seconds = budget.steps, budget.seconds
-    found = trained(
-        gaussians, targets, count=count, steps=steps, seconds=seconds, threads=tools.threads, stats=stats, told=told
-    )
+    allowed = Budget(count, budget.steps, budget.seconds)
+    found = trained(gaussians, targets, allowed, threads=tools.threads, stats=stats, told=told)
     told.say("doubt" if stats.is_cut_short else "notice", stats.text)
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..errors import InputError
 from ..refine.descent import Pace
 
 PACE = Pace(log_scale=0.03, turn=0.01, sh=0.015, sh_rest=0.002, last=0.25)
@@ -52,3 +53,30 @@ class Settings:
     def smaller(self, way: float) -> int:
         """How many times smaller photos are at a share of the way."""
         return 4 if way < self.quarter else 2 if way < self.quarter + self.half else 1
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much training may make and take; None for what is usual.
+
+    Attributes:
+        gaussians: how many there may be.
+        steps: of so many photos. The same number gives the same result on any number of threads, unless seconds end
+            them.
+        seconds: fewer steps are planned as soon as it shows that they do not suffice.
+
+    Raises:
+        InputError: one of them is out of range.
+    """
+
+    gaussians: int | None = None
+    steps: int | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("gaussians", "steps"):
+            value = getattr(self, name)
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
+                raise InputError(f"{value!r}, expected a whole number above 0", where=name)
+        if self.seconds is not None and not 0 < self.seconds < 86_400:
+            raise InputError(f"{self.seconds:g} s, expected more than 0 and less than a day", where="seconds")

@@ -28,7 +28,7 @@ from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
 from . import DEFAULT_GAUSSIANS, DEFAULT_SECONDS, start, usual_steps
-from .settings import Settings
+from .settings import Budget, Settings
 
 COSTS = {4: 1.0, 2: 1.5, 1: 3.0}
 """Of steps on photos so many times smaller, against each other."""
@@ -75,10 +75,8 @@ class TrainStats:
 def trained(
     capture: Gaussians,
     targets: Sequence[Target],
+    budget: Budget | None = None,
     *,
-    count: int | None = None,
-    steps: int | None = None,
-    seconds: float | None = None,
     threads: int | None = None,
     settings: Settings | None = None,
     stats: TrainStats | None = None,
@@ -89,10 +87,7 @@ def trained(
     Args:
         capture: per pixel, with cameras, of the same photos, two or more.
         targets: the photos, by view; their gain is found, their offset 0.
-        count: how many Gaussians there may be, None for the usual ones.
-        steps: how many, None for the usual ones of so many photos. The same number gives the same result on any number
-            of threads, unless seconds end them.
-        seconds: how many there are; fewer steps are planned as soon as it shows that they do not suffice.
+        budget: how many Gaussians, steps and seconds there may be.
         threads: how many to use, None for one per available core.
         settings: how Gaussians are corrected.
         stats: filled with what was done.
@@ -102,25 +97,24 @@ def trained(
         (N,) Gaussians of SH degree 0, 1 or 2, whose viewpoints the cameras of the photos are.
 
     Raises:
-        InputError: Gaussians of no pixels or of one view, other photos, or a budget out of range.
+        InputError: Gaussians of no pixels or of one view, or other photos.
     """
     if len(capture.cameras) < 2 or len(targets) != len(capture.cameras):
         found = f"{len(capture.cameras)} views and {len(targets)} photos, expected per-pixel Gaussians of two or more"
         raise InputError(f"{found} and as many photos", where="capture")
-    budget = _Budget.of(steps, seconds, len(targets))
-    if count is not None and count < 1:
-        raise InputError(f"{count}, expected 1 or more", where="count")
+    budget = budget or Budget()
+    clock = _Clock.of(budget, len(targets))
     stats = stats if stats is not None else TrainStats()
     settings = settings or Settings()
-    training = _Training(capture, targets, count or DEFAULT_GAUSSIANS, threads, settings, stats)
-    costs = [COSTS[settings.smaller(step / budget.steps)] for step in range(budget.steps)]
-    for _ in told.progress("training", training.advance(budget), stats.note, budget.steps, costs):
+    training = _Training(capture, targets, budget.gaussians or DEFAULT_GAUSSIANS, threads, settings, stats)
+    costs = [COSTS[settings.smaller(step / clock.steps)] for step in range(clock.steps)]
+    for _ in told.progress("training", training.advance(clock), stats.note, clock.steps, costs):
         pass
     return training.result()
 
 
 @dataclass
-class _Budget:
+class _Clock:
     """Steps, and seconds from now on that bound them."""
 
     steps: int
@@ -128,13 +122,8 @@ class _Budget:
     begun: float
 
     @classmethod
-    def of(cls, steps: int | None, seconds: float | None, photos: int) -> _Budget:
-        if steps is not None and (isinstance(steps, bool) or not isinstance(steps, int) or steps < 1):
-            raise InputError(f"{steps!r}, expected a whole number above 0", where="steps")
-        seconds = DEFAULT_SECONDS if seconds is None else seconds
-        if not 0 < seconds < 86_400:
-            raise InputError(f"{seconds:g} s, expected more than 0 and less than a day", where="seconds")
-        return cls(steps or usual_steps(photos), seconds, time.perf_counter())
+    def of(cls, budget: Budget, photos: int) -> _Clock:
+        return cls(budget.steps or usual_steps(photos), budget.seconds or DEFAULT_SECONDS, time.perf_counter())
 
     def left(self, done: int) -> int:
         """How many steps there will have been, if seconds go on passing as they did."""
@@ -167,10 +156,10 @@ class _Training:
         self._descent = Descent(self._field(begun), pace, self._run)
         stats.given = capture.count
 
-    def advance(self, budget: _Budget) -> Iterator[int]:
+    def advance(self, clock: _Clock) -> Iterator[int]:
         """Take steps, one at least."""
         stats, looks, turns = self._stats, 1, list[int]()
-        steps = stats.planned = budget.steps
+        steps = stats.planned = clock.steps
         while stats.steps < steps or not stats.steps:
             way = stats.steps / steps
             if way * self._settings.looks >= looks:
@@ -179,7 +168,7 @@ class _Training:
             if not turns:
                 turns = self._rng.permutation(len(self._gains)).tolist()
                 stats.rounds.append([])
-                steps = max(budget.left(stats.steps), 1) if stats.steps else steps
+                steps = max(clock.left(stats.steps), 1) if stats.steps else steps
             stats.rounds[-1].append(self._step(turns.pop(), way))
             stats.steps += 1
             yield stats.steps
