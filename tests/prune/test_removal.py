@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -105,8 +104,6 @@ def test_compress_leaves_out_says_so_and_keeps_all_where_asked(ball):
     about = ts.inspect(data)
     assert about["pruned"] == thin.notes.pruned
     assert tells(about["pruned"], f"{stats.left_out} 900")
-    figures = [float(figure) for figure in re.findall(r"\d[\d.]*", about["pruned"])]
-    assert min(abs(figure - stats.left_out_psnr) for figure in figures) < 0.5
     assert ts.inspect(whole)["pruned"] is None
     # all of them, in as many bytes by coarser steps, would look worse
     coarse = ts.decompress(ts.compress(ball, keep_all=True, target_size=len(data)))

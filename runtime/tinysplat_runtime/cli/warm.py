@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 import warnings
 from collections.abc import Callable
@@ -14,8 +13,7 @@ from ..errors import InputError, fast_for
 from ..gaussian.gaussians import Gaussians
 from ..graphs.predict import predict
 from ..render import Renderer
-from ..scene.intake.cameras_json import CAMERAS_FILE, camera_entry
-from ..scene.pictures import write_png
+from ..scene.intake.cameras_json import write_photos
 from ..system.told import Told
 from .trial import made_photos
 
@@ -44,11 +42,7 @@ def warm(told: Told) -> str:
 def _works(runtime: Runtime, folder: Path) -> list[tuple[str, Callable[[], object]]]:
     """What leads through kernels, by their rooms."""
     photos, cameras, near, far = made_photos(PHOTOS)
-    frames = []
-    for number, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
-        write_png(folder / f"{number}.png", photo)
-        frames.append(camera_entry(f"{number}.png", camera))
-    (folder / CAMERAS_FILE).write_text(json.dumps({"near": near, "far": far, "frames": frames}), "utf-8")
+    write_photos(folder, photos, cameras, (near, far))
 
     def capture() -> Gaussians:
         return predict(photos[:2], cameras[:2], near, far, runtime.store.network("edge"))

@@ -45,7 +45,6 @@ class EncodeStats:
         watch: seconds per stage.
         mode: what the file carries; see `modes`.
         left_out: Gaussians of no pixels that pictures hardly need.
-        left_out_psnr: dB of pictures without them; None where none are.
         psnr: of a list, dB of pictures of the whole file against those of all that was given.
         views: where these were looked at from, for people.
     """
@@ -54,7 +53,6 @@ class EncodeStats:
     watch: Stopwatch = field(default_factory=Stopwatch)
     mode: str = Planes.mode
     left_out: int = 0
-    left_out_psnr: float | None = None
     psnr: float | None = None
     views: str = ""
 

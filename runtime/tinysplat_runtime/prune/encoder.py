@@ -130,7 +130,7 @@ class PruningEncoder(Coder):
             pruned, penalties = self._pruned(qp)
             tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, pruned, strict=True)])
         whole = Pruned.joined(pruned)
-        self._job.stats.left_out, self._job.stats.left_out_psnr = whole.left_out, whole.psnr
+        self._job.stats.left_out = whole.left_out
         if self._is_late():
             warn("time for pruning was up: more is kept than needs to be")
         kept = whole.gaussians.with_notes(replace(self._job.gaussians.notes, pruned=whole.text))

@@ -19,9 +19,8 @@ from ..scene.intake.layouts import load_scene
 from ..scene.scenes import Scene
 from ..system import printable
 from ..system.told import NOBODY, Told
-from .request import Coding, CompressRequest, EncodeRequest
+from .request import CompressRequest, EncodeRequest
 from .stages import AT_ODDS, Pruning, Tools, code, code_photos, others, refine, sparse, strange
-from .words import Refinement
 
 LIST_QP = -6.0
 """Q_g of a capture as one list, where nobody said: what is trained on photos is nearer to them than what `compress` is
@@ -166,7 +165,9 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
         return _Made(gaussians, request, scene, doubted, None)
     refined = RefineStats() if refinement else None
     if refinement and refined:
-        gaussians = _refined(gaussians, scene, refinement, request, tools, told, stats, refined)
+        with stats.watch.stage("refine"):
+            gaussians = refine(gaussians, scene, refinement, request, tools, stats=refined, told=told)
+        told.say("done", refined.text)
     return _Made(gaussians, request, scene, doubted, refined)
 
 
@@ -237,28 +238,14 @@ def compress(
         if len(left) < len(names):
             gaussians = select_views(gaussians, left or range(len(names)))
         if left:
-            gaussians = _refined(gaussians, scene, request.refine, request, tools, told, stats, refinement)
+            with stats.watch.stage("refine"):
+                gaussians = refine(gaussians, scene, request.refine, request, tools, stats=refinement, told=told)
+            told.say("done", refinement.text)
     told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)
     data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)
     kept = gaussians if keep else None
     return Encoded(data, kept, gaussians.nbytes, stats, refinement if request.refine else None)
-
-
-def _refined(
-    gaussians: Gaussians,
-    scene: Scene,
-    refinement: Refinement | None,
-    coding: Coding,
-    tools: Tools,
-    told: Told,
-    stats: EncodeStats,
-    refined: RefineStats,
-) -> Gaussians:
-    with stats.watch.stage("refine"):
-        gaussians = refine(gaussians, scene, refinement, coding, tools, stats=refined, told=told)
-    told.say("done", refined.text)
-    return gaussians
 
 
 def encode_predicted(

@@ -232,12 +232,13 @@ AXES = {
 """What grows, by study and axis, in the order of the table."""
 
 LIST_AXES = {
-    ("growth lists, all kept, in", "Gaussians"): "Gaussians of degree 3 to a file, all kept",
-    ("growth lists, all kept, out", "Gaussians"): "the file to Gaussians",
-    ("growth lists, all kept, drawn", "Gaussians"): "these to a picture",
-    ("growth lists, pruned, in", "Gaussians"): "Gaussians of degree 3 to a file, by default",
-    ("growth lists, pruned, out", "Gaussians"): "the file to Gaussians",
-    ("growth lists, pruned, drawn", "Gaussians"): "these to a picture",
+    (f"growth lists, {way}, {task}", "Gaussians"): label
+    for way, first in ((ALL_KEPT, "all kept"), (PRUNED, "by default"))
+    for task, label in (
+        ("in", f"Gaussians of degree 3 to a file, {first}"),
+        ("out", "the file to Gaussians"),
+        ("drawn", "these to a picture"),
+    )
 }
 
 

@@ -7,8 +7,6 @@ photo-consistency has something to hold on to, and depth has steps. Everything i
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +14,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE, camera_entry
-from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.intake.cameras_json import write_photos
 from tinysplat_runtime.scene.resampling import resize_cover
 
 # Calibration of scikit-image's motorcycle pair at 741×500, from the Middlebury 2014 data set, and its depths.
@@ -44,7 +41,8 @@ _SUPERSAMPLE = 2
 def write_room(folder: Path, views: int, height: int, width: int) -> None:
     """Photos of the room from cameras on an arc, `SPACING` apart and turned towards its middle, as a scene folder."""
     cameras = [_camera(v - (views - 1) / 2, height, width) for v in range(views)]
-    _write(folder, map(_photograph, cameras), cameras, NEAR, FAR)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_photos(folder, map(_photograph, cameras), cameras, (NEAR, FAR))
 
 
 def write_motorcycle(folder: Path, height: int, width: int) -> None:
@@ -60,17 +58,8 @@ def write_motorcycle(folder: Path, height: int, width: int) -> None:
         K, c2w = np.array([[FOCAL_PX, 0, cx], [0, FOCAL_PX, CY_PX], [0, 0, 1]]), np.eye(4)
         c2w[0, 3] = x
         cameras.append(Camera(K, c2w, photo.shape[1], photo.shape[0]).resized(height, width))
-    _write(folder, (resize_cover(photo, height, width) for photo in photos), cameras, NEAR_M, FAR_M)
-
-
-def _write(folder: Path, photos: Iterable[NDArray], cameras: Sequence[Camera], near: float, far: float) -> None:
-    """Photos (H, W, 3) in [0, 1] and cameras.json, as commands read them."""
     folder.mkdir(parents=True, exist_ok=True)
-    frames = []
-    for i, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
-        write_png(folder / f"{i}.png", photo)
-        frames.append(camera_entry(f"{i}.png", camera))
-    (folder / CAMERAS_FILE).write_text(json.dumps({"near": near, "far": far, "frames": frames}), "utf-8")
+    write_photos(folder, (resize_cover(photo, height, width) for photo in photos), cameras, (NEAR_M, FAR_M))
 
 
 def _photograph(camera: Camera) -> NDArray:

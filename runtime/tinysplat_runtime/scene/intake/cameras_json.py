@@ -15,13 +15,18 @@ Trust boundary: the file is bounded in size, may not hold NaN, and names photos 
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+from numpy.typing import NDArray
 
 from ...errors import within
 from ...system.files import read_limited
 from ...system.jsonfields import JsonObject, parse_json
 from ..cameras import Camera
 from ..lenses import Lens
+from ..pictures import write_png
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 from .fields import Fields
 from .inria import inria_cameras, inria_frames
@@ -57,6 +62,18 @@ def cameras_alone(file: Path) -> list[Camera]:
         if isinstance(document, list):
             return inria_cameras(document)
         return [_camera(entry) for entry in Fields(document).each("frames", 1)]
+
+
+def write_photos(
+    folder: Path, photos: Iterable[NDArray], cameras: Sequence[Camera], depths: tuple[float, float]
+) -> None:
+    """Write photos (H, W, 3) in [0, 1] as PNG into a folder, and `cameras.json` with near and far."""
+    frames = []
+    for number, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
+        write_png(folder / f"{number}.png", photo)
+        frames.append(camera_entry(f"{number}.png", camera))
+    near, far = depths
+    (folder / CAMERAS_FILE).write_text(json.dumps({"near": near, "far": far, "frames": frames}), "utf-8")
 
 
 def camera_entry(file: str, camera: Camera) -> JsonObject:
