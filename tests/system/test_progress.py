@@ -12,7 +12,8 @@ from collections.abc import Callable
 import pytest
 from scenes import tells
 
-from tinysplat_runtime.system.progress import compiling, progress, running, still_there, working
+from tinysplat_runtime.system.progress import compiling, running, still_there, working
+from tinysplat_runtime.system.voice import Voice
 
 
 class Terminal(io.StringIO):
@@ -60,7 +61,7 @@ def test_a_command_speaks_where_nothing_within_it_does(said: Callable[[bool], io
 
 def test_progress_says_how_far_it_is_while_an_item_takes_long(said: Callable[[bool], io.StringIO]) -> None:
     stream, done = said(terminal=False), []
-    for item in progress(range(3), 3, "render", quiet=False, note=lambda: f"{len(done)} drawn"):
+    for item in Voice().progress("render", range(3), lambda: f"{len(done)} drawn"):
         if item == 2:
             assert tells(until(stream, "2 drawn", 1), "render: 2 of 3")
         done.append(item)
@@ -70,7 +71,7 @@ def test_progress_says_how_far_it_is_while_an_item_takes_long(said: Callable[[bo
 def test_quiet_work_is_silent(said: Callable[[bool], io.StringIO]) -> None:
     stream = said(terminal=True)
     with still_there("encode", quiet=True), working("network", quiet=True):
-        assert list(progress(range(3), 3, "render", quiet=True)) == [0, 1, 2]
+        assert list(Voice(quiet=True).progress("render", range(3))) == [0, 1, 2]
         time.sleep(0.25)
     assert stream.getvalue() == ""
 
@@ -89,8 +90,9 @@ def test_compiling_is_said_and_not_taken_for_work(said: Callable[[bool], io.Stri
 def test_a_block_within_another_is_said_beside_it(said: Callable[[bool], io.StringIO]) -> None:
     stream = said(terminal=False)
     with still_there("compress", quiet=False):
-        for _ in progress(range(2), 2, "blocks", quiet=False):
-            for _ in progress(range(3), 3, "pruning", quiet=False):
+        voice = Voice()
+        for _ in voice.progress("blocks", range(2)):
+            for _ in voice.progress("pruning", range(3)):
                 assert "blocks: 0 of 2; pruning: 0 of 3" in until(stream, "pruning", 1)
                 break
             break

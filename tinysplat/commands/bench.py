@@ -19,7 +19,7 @@ from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
-from tinysplat_runtime.system.progress import progress
+from tinysplat_runtime.system.voice import Voice
 
 from .eval import numbers
 
@@ -96,7 +96,7 @@ def split_words(given: Sequence[str]) -> tuple[tuple[str, ...], list[Path]]:
 def measure_studies(bench: Run, studies: Sequence[str], *, quiet: bool) -> list[Row]:
     """Rows of studies, kept as they come; what ends one is noted and the next begins."""
     began, rows = time.perf_counter(), []
-    for name in progress(studies, len(studies), "bench", quiet=quiet):
+    for name in Voice(quiet).progress("bench", studies):
         try:
             for row in find_study(name).measure(bench):
                 rows.append(bench.store.add(row))

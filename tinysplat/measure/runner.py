@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.system.jsonfields import JsonObject
-from tinysplat_runtime.system.progress import progress
+from tinysplat_runtime.system.voice import Voice
 
 from ..workers import run_here, run_processes
 from .machine import describe_machine
@@ -101,7 +101,7 @@ def run_jobs(
     is_alone = processes == 1 or len(pending) == 1
     outcomes = run_here(pending, measure) if is_alone else run_processes(pending, measure, processes, attempts=1)
     failed: dict[WindowJob, LeftOut] = {}
-    for outcome in progress(outcomes, len(pending), "windows", quiet=quiet):
+    for outcome in Voice(quiet).progress("windows", outcomes, total=len(pending)):
         for row in outcome.record or ():
             store.add(row)
         if outcome.error is not None:

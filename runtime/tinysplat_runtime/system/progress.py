@@ -11,10 +11,10 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
-from .course import Course
+from .course import Course, Stage
 from .printable import printable
 
 T = TypeVar("T")
@@ -118,41 +118,24 @@ _step: list[Callable[[], str]] = [str]
 
 
 def progress(
-    items: Iterable[T],
-    total: int | None,
-    label: str,
-    *,
-    quiet: bool,
-    note: Callable[[], str] = str,
-    course: Course | None = None,
-    costs: Sequence[float] | None = None,
-    size_of: Callable[[T], int] | None = None,
+    items: Iterable[T], stage: Stage, course: Course, note: Callable[[], str], size_of: Callable[[T], int] | None
 ) -> Iterator[T]:
     """Yield the items and show how many are done on standard error.
 
     Args:
         items: what is worked through.
-        total: how many there are; None where nobody knows.
-        label: what is done.
-        quiet: whether to show nothing.
+        stage: begun with them.
+        course: of the whole run, whose seconds left are said.
         note: says how things stand.
-        course: of the whole run, whose seconds left are said; without one, those of these items are.
-        costs: see `Course.begin`.
         size_of: how many an item counts for; None for one.
     """
-    if quiet:
-        yield from items
-        return
-    run = course or Course(running)
-    stage = run.begin(label, total, costs)
 
     def text() -> str:
-        of = "" if total is None else f" of {total:,}"
-        whole = _left(run) if stage is run.now else ""
-        return _joined(f"{label}: {stage.done:,}{of}", whole, note())
+        of = "" if stage.total is None else f" of {stage.total:,}"
+        whole = _left(course) if stage is course.now else ""
+        return _joined(f"{stage.label}: {stage.done:,}{of}", whole, note())
 
-    if course is not None:
-        _step[0] = text  # until the next one begins
+    _step[0] = text  # until the next one begins
     try:
         with _speaker.saying(text):
             for item in items:

@@ -66,7 +66,9 @@ class Voice(Told):
         size_of: Callable[[T], int] | None = None,
     ) -> Iterator[T]:
         """Say how far a step is."""
+        if self.quiet:
+            yield from items
+            return
         if total is None and isinstance(items, Sized):
             total = len(items)
-        quiet, course = self.quiet, self.course
-        return progress(items, total, label, quiet=quiet, note=note, course=course, costs=costs, size_of=size_of)
+        yield from progress(items, self.course.begin(label, total, costs), self.course, note, size_of)
