@@ -54,31 +54,22 @@ _ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR**2)
 
 
 @compiled
-def score_tile(
-    records: NDArray,
-    rows: NDArray,
-    listed: Listed,
-    extent: Extent,
-    work: Scratch,
-    wanted: NDArray,
-    is_first: bool,
-    pairs: NDArray,
-) -> None:
+def score_tile(listed: Listed, extent: Extent, work: Scratch, wanted: NDArray, is_first: bool, pairs: NDArray) -> None:
     """Draw a tile and fill the sums of its splats.
 
     Args:
-        records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
+        listed, extent, work: as `kernels_blend.blend_tile` has them.
         wanted: (H, W, 3) float32: the picture that is wanted.
         is_first: the picture as drawn is what is wanted; `wanted` is written.
         pairs: (pairs, 5) float32, written at the tile's places.
     """
-    keys, count = blend_tile(records, rows, listed, extent, work, False)
+    keys, count = blend_tile(listed, extent, work, False)
     _turn_over(work.state, wanted, extent, is_first)
     for key in keys[count:]:
         pairs[key & _I(0xFFFFFFFF)] = 0
     for start in range(0, count, AHEAD):
         end = min(start + AHEAD, count)
-        bring_near(records, rows, keys[start:end], work.near)
+        bring_near(listed, keys[start:end], work.near)
         for entry in range(end - start):
             _walk(work.near[entry], extent, work.state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 

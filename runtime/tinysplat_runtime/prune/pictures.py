@@ -107,15 +107,8 @@ class Pictures:
         for lists in buffers.lists(drawn.visible, drawn.view):
             pairs = np.empty((lists.rows.size, kernels.SUMS), np.float32)
 
-            def score(
-                tile: int,
-                listed: Listed,
-                extent: Extent,
-                scratch: Scratch,
-                lists: TileLists = lists,
-                pairs: NDArray = pairs,
-            ) -> None:
-                kernels.score_tile(buffers.records, lists.rows, listed, extent, scratch, wanted, is_first, pairs)
+            def score(tile: int, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray = pairs) -> None:
+                kernels.score_tile(listed, extent, scratch, wanted, is_first, pairs)
 
             def add_up(block: tuple[Visible, NDArray], lists: TileLists = lists, pairs: NDArray = pairs) -> None:
                 kernels.add_up(block[0], lists.tiles, block[1], pairs, sums)
@@ -128,10 +121,10 @@ class Pictures:
         buffers, camera = drawn.buffers, self.cameras[number]
         shape = camera.height, camera.width
         picture = Picture(np.empty((*shape, 3), np.float32), np.empty(shape, np.float32), np.empty((0, 0), np.float32))
+
+        def show(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
+            composite_tile(listed, extent, scratch, picture, False)
+
         for lists in buffers.lists(drawn.visible, drawn.view):
-
-            def show(tile: int, listed: Listed, extent: Extent, scratch: Scratch, lists: TileLists = lists) -> None:
-                composite_tile(buffers.records, lists.rows, listed, extent, scratch, picture, False)
-
             buffers.work_on(lists, drawn.view, show)
         return picture.colour

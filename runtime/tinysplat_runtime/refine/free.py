@@ -140,8 +140,8 @@ class FreeGaussians:
         picture = np.empty((camera.height, camera.width, 4), np.float32)
         sides = Picture(picture[..., :3], picture[..., 3], np.empty((0, 0), np.float32))
 
-        def draw(_: int, rows: NDArray, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
-            composite_tile(self._comparer.buffers.records, rows, listed, extent, scratch, sides, False)
+        def draw(_: int, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
+            composite_tile(listed, extent, scratch, sides, False)
 
         view, visible = self._seen(camera)
         self._comparer.walk(visible, view, draw)
@@ -155,8 +155,8 @@ class FreeGaussians:
             slopes: (H, W, 4) float32, the loss's gradient with respect to what `draw` returned.
         """
 
-        def walk(_: int, rows: NDArray, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
-            differentiate_tile(self._comparer.buffers.records, rows, listed, extent, scratch, slopes, pairs)
+        def walk(_: int, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
+            differentiate_tile(listed, extent, scratch, slopes, pairs)
 
         view, visible = self._seen(camera)
         gradient = np.zeros_like(self.values)

@@ -60,7 +60,7 @@ class Rasteriser:
             return buffers.project(chunks(), view, *shares.of(of.view, of.is_surface, of.is_coarse))
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
-            kernels_blend.composite_tile(buffers.records, lists.rows, listed, extent, scratch, picture, has_front)
+            kernels_blend.composite_tile(listed, extent, scratch, picture, has_front)
 
         visible = self._run(project, list(zip(drawn, packed, strict=True)))
         for lists in buffers.lists(visible, view):

@@ -186,9 +186,8 @@ class Comparer:
         """Hold what `buffers` have projected against a photo; `add_up` gets sums (pairs, 9) of lists' pairs."""
         sums = np.zeros((visible[0].counts.size, SUMS))
 
-        def measure(tile: int, rows: NDArray, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
-            records = self.buffers.records
-            kernels_gradient.measure_tile(records, rows, listed, extent, scratch, sought, sums[tile], pairs)
+        def measure(tile: int, listed: Listed, extent: Extent, scratch: Scratch, pairs: NDArray) -> None:
+            kernels_gradient.measure_tile(listed, extent, scratch, sought, sums[tile], pairs)
 
         self.walk(visible, view, measure, add_up)
         return PhotoError(*sums.sum(axis=0).tolist())
@@ -197,16 +196,16 @@ class Comparer:
         self,
         visible: Sequence[Visible],
         view: View,
-        work: Callable[[int, NDArray, Listed, Extent, Scratch, NDArray], None],
+        work: Callable[[int, Listed, Extent, Scratch, NDArray], None],
         add_up: Callable[[TileLists, NDArray], None] | None = None,
     ) -> None:
-        """Work on every tile: its number, the records of its lists, its list, place, the thread's scratch, and pairs.
+        """Work on every tile: its number, list and place, the thread's scratch, and pairs.
 
         Pairs are (pairs, 9) for `add_up`, which gets them behind each of a few lists; (0, 9) where nobody adds up.
         """
 
         def work_on(tile: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
-            work(tile, lists.rows, listed, extent, scratch, pairs)
+            work(tile, listed, extent, scratch, pairs)
 
         for lists in self.buffers.lists(visible, view):
             if add_up and len(self._pairs) < lists.rows.size:

@@ -88,12 +88,10 @@ class Picture(NamedTuple):
 
 
 @compiled
-def composite_tile(
-    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, picture: Picture, has_front: bool
-) -> None:
+def composite_tile(listed: Listed, extent: Extent, work: Scratch, picture: Picture, has_front: bool) -> None:
     """Blend a tile's splats into the picture, where the tile lies; arguments as `blend_tile` has them."""
     state = work.state
-    blend_tile(records, rows, listed, extent, work, has_front)
+    blend_tile(listed, extent, work, has_front)
     for line in range(extent.rows):
         for lane in range(extent.columns):
             at, row, column = line * ROW + lane, extent.row + line, extent.column + lane
@@ -105,14 +103,10 @@ def composite_tile(
 
 
 @compiled
-def blend_tile(
-    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, has_front: bool
-) -> tuple[NDArray, Number]:
+def blend_tile(listed: Listed, extent: Extent, work: Scratch, has_front: bool) -> tuple[NDArray, Number]:
     """Blend a tile's splats in its state.
 
     Args:
-        records: (N, 16) float32.
-        rows: (pairs,) int32, the record of every pair.
         listed: the tile's list.
         extent: where it lies.
         work: the thread's.
@@ -128,7 +122,7 @@ def blend_tile(
     count, whole = 0, _before(keys)
     while count < whole and (count == 0 or is_open(state) or (has_front and is_open(state[_FRONT:]))):
         end = min(count + AHEAD, whole)
-        bring_near(records, rows, keys[count:end], near)
+        bring_near(listed, keys[count:end], near)
         for entry in range(end - count):
             blend_splat(near[entry], extent, state, has_front and near[entry, LAST] > _ZERO)
         count = end
@@ -137,7 +131,7 @@ def blend_tile(
         _close(state, extent, has_front, spans)
         while count < keys.size and is_open(state):
             end = min(count + AHEAD, keys.size)
-            bring_near(records, rows, keys[count:end], near)
+            bring_near(listed, keys[count:end], near)
             for entry in range(end - count):
                 _blend_behind(near[entry], extent, state, spans)
             count = end
@@ -213,8 +207,9 @@ def _clear(state: NDArray, extent: Extent) -> None:
 
 
 @compiled
-def bring_near(records: NDArray, rows: NDArray, keys: NDArray, near: NDArray) -> None:
+def bring_near(listed: Listed, keys: NDArray, near: NDArray) -> None:
     """Copy the records (n, 16) float32 that are blended next to `near`."""
+    records, rows = listed.records, listed.rows
     for entry in range(keys.size):
         row = _I(rows[keys[entry] & _I(0xFFFFFFFF)])
         for column in range(RECORD):  # an assignment of rows would take two seconds to compile, for its errors' words

@@ -98,20 +98,11 @@ class Sought(NamedTuple):
 
 
 @compiled
-def measure_tile(
-    records: NDArray,
-    rows: NDArray,
-    listed: Listed,
-    extent: Extent,
-    work: Scratch,
-    sought: Sought,
-    sums: NDArray,
-    pairs: NDArray,
-) -> None:
+def measure_tile(listed: Listed, extent: Extent, work: Scratch, sought: Sought, sums: NDArray, pairs: NDArray) -> None:
     """Draw a tile, hold it against the photo, and walk its splats again for their sums.
 
     Args:
-        records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
+        listed, extent, work: as `kernels_blend.blend_tile` has them.
         sought: the photo.
         sums: (5,) float64, written.
         pairs: (pairs, 9) float32, written at the tile's places; (0, 9) where none are wanted.
@@ -122,26 +113,24 @@ def measure_tile(
     if not _is_known(sought.photo, extent):
         sums[:] = 0
         return
-    keys, count = blend_tile(records, rows, listed, extent, work, sought.has_front)
+    keys, count = blend_tile(listed, extent, work, sought.has_front)
     _compare(work.state, sought, extent, sums)
     if pairs.size:
-        _walk_again(records, rows, keys[:count], extent, work, sought.has_front, sought.hidden, pairs)
+        _walk_again(listed, keys[:count], extent, work, sought.has_front, sought.hidden, pairs)
 
 
 @compiled
-def differentiate_tile(
-    records: NDArray, rows: NDArray, listed: Listed, extent: Extent, work: Scratch, slopes: NDArray, pairs: NDArray
-) -> None:
+def differentiate_tile(listed: Listed, extent: Extent, work: Scratch, slopes: NDArray, pairs: NDArray) -> None:
     """Draw a tile, and walk its splats again for sums of any loss.
 
     Args:
-        records, rows, listed, extent, work: as `kernels_blend.blend_tile` has them.
+        listed, extent, work: as `kernels_blend.blend_tile` has them.
         slopes: (H, W, 4) float32, the loss's gradient with respect to the picture and its transmittance.
         pairs: as `measure_tile` has them.
     """
     for key in listed.keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
-    keys, count = blend_tile(records, rows, listed, extent, work, False)
+    keys, count = blend_tile(listed, extent, work, False)
     state = work.state
     for line in range(extent.rows):
         for lane in range(extent.columns):
@@ -152,19 +141,12 @@ def differentiate_tile(
                 behind += slope * state[plane]
                 state[plane] = slope
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
-    _walk_again(records, rows, keys[:count], extent, work, False, _ZERO, pairs)
+    _walk_again(listed, keys[:count], extent, work, False, _ZERO, pairs)
 
 
 @compiled
 def _walk_again(
-    records: NDArray,
-    rows: NDArray,
-    keys: NDArray,
-    extent: Extent,
-    work: Scratch,
-    has_front: bool,
-    hidden: Number,
-    pairs: NDArray,
+    listed: Listed, keys: NDArray, extent: Extent, work: Scratch, has_front: bool, hidden: Number, pairs: NDArray
 ) -> None:
     """Walk what was blended of a tile's list for its sums, where a pixel's state is full transmittance, the gradient by
     its colour, and what lies behind the first splat.
@@ -172,7 +154,7 @@ def _walk_again(
     state, near = work.state, work.near
     for start in range(0, keys.size, AHEAD):
         end = min(start + AHEAD, keys.size)
-        bring_near(records, rows, keys[start:end], near)
+        bring_near(listed, keys[start:end], near)
         for entry in range(end - start):
             splat = near[entry]
             at = _middle(splat, extent)

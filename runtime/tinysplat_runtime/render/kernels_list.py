@@ -42,8 +42,17 @@ class Tiles(NamedTuple):
 
 
 class Listed(NamedTuple):
-    """A tile's list, as from `list_by_tile`, which sorting changes, and scratch as long."""
+    """A tile's list, as from `list_by_tile`.
 
+    Attributes:
+        records: (N, 16) float32, of all splats.
+        rows: (pairs,) int32, the record of every pair.
+        keys: of the tile's pairs; sorting changes them.
+        scratch: as long.
+    """
+
+    records: NDArray
+    rows: NDArray
     keys: NDArray
     scratch: NDArray
 

@@ -142,7 +142,8 @@ class SplatBuffers:
             tile_row, tile_column = divmod(lists.tiles.first + number, lists.tiles.columns)
             row, column = tile_row * TILE_HEIGHT, tile_column * TILE_WIDTH
             extent = Extent(row, column, min(TILE_HEIGHT, height - row), min(TILE_WIDTH, width - column))
-            work(lists.tiles.first + number, Listed(lists.keys[own], scratch[own]), extent, self._work.tile)
+            listed = Listed(self.records, lists.rows, lists.keys[own], scratch[own])
+            work(lists.tiles.first + number, listed, extent, self._work.tile)
 
         # the longest first, so that threads end together
         self._run(one, np.argsort(np.diff(lists.bounds))[::-1].tolist())
