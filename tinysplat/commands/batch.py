@@ -56,7 +56,7 @@ def configure(parser: ArgumentParser) -> None:
     add_options(parser, EncodeRequest, without=(VIDEO,))
     add_options(parser, Keep)
     parser.add_argument(
-        "--allow", action="append", choices=CODE, default=[], help="that MANIFEST says what is loaded; twice: both"
+        "--allow", action="append", choices=CODE, default=[], help="let MANIFEST say what is loaded; repeat for both"
     )
 
 

@@ -58,9 +58,9 @@ def configure(parser: ArgumentParser) -> None:
     of = parser.add_argument_group("options of some studies")
     of.add_argument("--qp", dest="qps", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
     of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of photos; growth, walk")
-    of.add_argument("--limit", type=int, metavar="N", help="the largest list, and lists alone; growth")
+    of.add_argument("--limit", type=int, metavar="N", help="measure only lists, up to this size; growth")
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
-    of.add_argument("--drawn", type=size, metavar="WxH", help="that pictures are judged at; default --size; walk")
+    of.add_argument("--drawn", type=size, metavar="WxH", help="of pictures to judge; default --size; walk")
 
 
 def run(args: Namespace) -> None:

@@ -76,7 +76,7 @@ def configure(parser: ArgumentParser) -> None:
         "--360",
         dest="panorama",
         action="store_true",
-        help="pictures twice as wide as high are 360° (equirectangular); of files that say so that is known",
+        help="pictures twice as wide as high are 360° (equirectangular), also if files do not say so",
     )
     parser.add_argument(
         "--without",
@@ -84,7 +84,7 @@ def configure(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="A-B|down|up",
-        help="of 360° pictures, left out: longitudes from A to B, degrees to the right of the middle, or a cube's face",
+        help="leave out of 360° pictures: longitudes from A to B, degrees to the right of the middle, or a cube's face",
     )
     parser.add_argument("--frames", type=_count, metavar="N", help="of a video; default: by its movement, 16 to 64")
     add_threads(parser)

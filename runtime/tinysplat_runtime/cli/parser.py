@@ -77,7 +77,7 @@ def _limits(options: Container) -> None:
 
 def _prefix(options: Container) -> None:
     options.add_argument("--max-bytes", type=count, metavar="N", help="decode the first N bytes (`info` lists some)")
-    options.add_argument("--partial", action="store_true", help="decode what is intact, say what is lost")
+    options.add_argument("--partial", action="store_true", help="decode what is intact and name what is lost")
     options.add_argument("--model", metavar="NAME|FILE.onnx", help="the network of a file of photos")
 
 
@@ -138,7 +138,7 @@ def _compress(commands: Commands) -> None:
     _written(parser)
     _quiet(parser)
     parser.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
-    parser.add_argument("--grid", type=grid, metavar="V,H,W", help="pixel grid of a list")
+    parser.add_argument("--grid", type=grid, metavar="V,H,W", help="the list is of pixels of V views of HxW")
     add_options(parser, CompressRequest)
     _reading(parser)
 
@@ -176,10 +176,10 @@ def _render(commands: Commands) -> None:
     more = parser.add_argument_group("more")
     more.add_argument("--depth-scale", type=positive, default=1000.0, metavar="S", help="values per scene unit; 1000")
     more.add_argument(
-        "--dilation", choices=("own", "screen"), default="own", help="wider by their photo's pixel (default own)"
+        "--dilation", choices=("own", "screen"), default="own", help="widen by the photo's or the screen's pixel; own"
     )
     more.add_argument(
-        "--order", choices=("near", "depth"), default="near", help="near views cover the others (default near)"
+        "--order", choices=("near", "depth"), default="near", help="draw near views first, or all by depth; near"
     )
     more.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
     _reading(parser)
@@ -251,11 +251,11 @@ def _doctor(commands: Commands) -> None:
     parser = commands.add_parser("doctor", help="what is installed, and what is wrong with it")
     _quiet(parser)
     parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.add_argument("--warm", action="store_true", help="compile now what would be when first used")
+    parser.add_argument("--warm", action="store_true", help="compile what is else compiled on first use")
     parser.add_argument(
         "--provider",
         metavar="NAME[:KEY=VALUE,…]",
-        help="run a made-up scene with it, and print how many nodes of which graph it ran",
+        help="run a made-up scene with it, and count the nodes of each graph that it ran",
     )
 
 

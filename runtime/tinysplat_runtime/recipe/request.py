@@ -75,10 +75,7 @@ class Sparse(Options):
     """Of a capture as few Gaussians for every viewer; see `sparse`."""
 
     at_most: int = option(
-        words.count,
-        DEFAULT_GAUSSIANS,
-        metavar="N",
-        help=f"Gaussians of a capture as one list; default {DEFAULT_GAUSSIANS:,}",
+        words.count, DEFAULT_GAUSSIANS, metavar="N", help=f"Gaussians of one list; default {DEFAULT_GAUSSIANS:,}"
     )
 
 
@@ -109,14 +106,14 @@ class Coding(Options):
     )
     """The largest file found of at most as many bytes."""
     target_psnr: float | None = option(
-        words.decibels, metavar="DB", group=BYTES, help="this many dB of decoded against raw pictures"
+        words.decibels, metavar="DB", group=BYTES, help="smallest file of at least this PSNR"
     )
     """The smallest file found that has as many, as the mean over the input views; of a list over its error in eight
     views, beside its photos or about it."""
     lossless: bool = option(words.flag, False, group=BYTES, help="float16 planes, bit for bit")
     """`codec.exact` has the guarantee."""
     like: bytes | StrPath | None = option(
-        words.file, metavar="F.tsplat", group=BYTES, help="steps and unchanged pictures of this file"
+        words.file, metavar="F.tsplat", group=BYTES, help="reuse steps and unchanged pictures of this file"
     )
     """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`codec.recode`): a
     decoded scene coded again, edited or not, loses nothing else."""
@@ -195,7 +192,7 @@ class EncodeRequest(Noted, Coding, Sparse):
 
     scene: Scene | StrPath | Sequence[StrPath] = field(kw_only=False)
     views: tuple[int, ...] | AutoViews | str | None = option(
-        words.views, metavar="I,J-K|auto[:N]|all", help="photos; all of 6, else auto"
+        words.views, metavar="I,J-K|auto[:N]|all", help="photos to take; default auto"
     )
     size: tuple[int, int] | str | None = option(
         words.size_or_full, metavar="WxH|full", help="of photos; default at most about 640x480"
@@ -209,8 +206,8 @@ class EncodeRequest(Noted, Coding, Sparse):
         metavar="STEPS|10s",
         usual=words.AUTO,
         off=words.NO,
-        help="correct Gaussians until they show their photos",
-        off_help="as the network made them; captures are refined",
+        help="correct Gaussians by their photos",
+        off_help="leave Gaussians as the network made them",
     )
     """None as `recipe.refinement.chosen` has it."""
     masks: str | None = option(
@@ -218,16 +215,16 @@ class EncodeRequest(Noted, Coding, Sparse):
         metavar="MEANING",
         choices=(MOVING, BACKGROUND, words.NO),
         off=words.NO,
-        help=f"masks show what is {MOVING}, or {BACKGROUND}; default: files the first",
-        off_help="photos as they are, with what masks leave out",
+        help=f"what masks hide: {MOVING} or {BACKGROUND}",
+        off_help="ignore masks",
     )
     """None: mask files show what moves, transparent photos where nothing is; `scene.masks` has what that means."""
     joint: bool = option(
-        words.flag, True, group=VIDEO, off=False, help="", off_help="depths as the network finds them, for measuring"
+        words.flag, True, group=VIDEO, off=False, help="", off_help="keep depths as the network finds them"
     )
     """Whether all photos of a capture agree on depth; see `Runtime.predict`."""
     mode: str = option(
-        words.text, DEFAULT_MODE, metavar="MODE", choices=CHOICES, help=f"the file has: {', '.join(CHOICES)}"
+        words.text, DEFAULT_MODE, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}"
     )
     """`codec.modes` says what they are."""
     poses: StrPath | None = option(
@@ -235,12 +232,17 @@ class EncodeRequest(Noted, Coding, Sparse):
     )
     """A RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model."""
     first_number: int = option(
-        words.whole, 0, metavar="0|1", group=VIDEO, choices=(0, 1), help="of frames that POSES names; default 0"
+        words.whole,
+        0,
+        metavar="0|1",
+        group=VIDEO,
+        choices=(0, 1),
+        help="of the first frame that POSES names; default 0",
     )
     """What `poses` count from in names such as frame_00012.png."""
-    near: float | None = option(words.number, metavar="Z", group=VIDEO, help="nearest depth, not the scene's own")
+    near: float | None = option(words.number, metavar="Z", group=VIDEO, help="nearest depth; default: the scene's")
     """Scene units; None for the scene's own, or what photos show."""
-    far: float | None = option(words.number, metavar="Z", group=VIDEO, help="farthest depth, not the scene's own")
+    far: float | None = option(words.number, metavar="Z", group=VIDEO, help="farthest depth; default: the scene's")
     focal: float | None = option(words.number, metavar="PX", group=VIDEO, help="of a stereo pair, in pixels")
     baseline: float | None = option(words.number, metavar="B", group=VIDEO, help="distance of its cameras")
     save_gaussians: StrPath | None = option(
@@ -285,22 +287,18 @@ class CompressRequest(Noted, Coding):
     """
 
     gaussians: Gaussians = field(kw_only=False)
-    keep_all: bool = option(words.flag, False, help="all of a trained scene; default: pruned (numba)")
-    seconds: float | None = option(words.positive, metavar="S", help="longest that pruning looks for what could go")
+    keep_all: bool = option(words.flag, False, help="do not prune a trained scene")
+    seconds: float | None = option(words.positive, metavar="S", help="time limit of pruning")
     """What was not looked at by then is kept, with a warning; bytes then depend on how fast the machine is."""
     cameras: Sequence[Camera] | StrPath | None = option(
-        words.cameras, metavar="SCENE", help="cameras of its photos: what pictures need"
+        words.cameras, metavar="SCENE", help="cameras of its photos, to prune by"
     )
     """Of a list, in place of its viewpoints; where it has as many Gaussians as they have pixels, these."""
     photos: Scene | StrPath | None = option(
         words.scene, metavar="SCENE", help="photos by which --refine corrects the Gaussians"
     )
     refine: Refinement | None = option(
-        words.refinement,
-        metavar="STEPS|10s",
-        group=BYTES,
-        usual=words.AUTO,
-        help="correct Gaussians until they show their photos",
+        words.refinement, metavar="STEPS|10s", group=BYTES, usual=words.AUTO, help="correct Gaussians by their photos"
     )
 
     def __post_init__(self) -> None:
@@ -360,7 +358,7 @@ class ExportRequest(Noted, Sparse):
         metavar="STEPS|60s",
         group=WHICH,
         usual=words.AUTO,
-        help="a capture as few Gaussians that show its pictures (numba)",
+        help="make a capture one list of few Gaussians (numba)",
     )
     """For how many steps, or how many seconds."""
     dilate: float | None = option(
