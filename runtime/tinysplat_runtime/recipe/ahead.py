@@ -52,18 +52,21 @@ def ahead(
         is_compared: whether those that the others contradict are looked for.
         is_coded: whether a file of it is coded, and compared with photos.
     """
-    agreed = AGREED if is_compared else []
-    return [*CHECKS, *way.steps, *agreed, *chosen_from_gaussians(request, photos, budget, is_coded=is_coded)]
+    rest = from_network(way, request, photos, budget, is_compared=is_compared, is_coded=is_coded)
+    return [*CHECKS, *rest]
 
 
-def chosen_from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:
-    """The steps after the network, with the choice of a mode; arguments as above."""
+def from_network(
+    way: Way, request: EncodeRequest, photos: int, budget: Refinement | None, *, is_compared: bool, is_coded: bool
+) -> Steps:
+    """The steps from the network on; arguments as above."""
     choosing: Steps = []
     if request.mode == EITHER:
         from .contest import STEPS  # needs numba
 
         choosing = [*refined(None), *_trained(photos, STEPS)]
-    return [*choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
+    agreed = AGREED if is_compared else []
+    return [*way.steps, *agreed, *choosing, *from_gaussians(request, photos, budget, is_coded=is_coded)]
 
 
 def from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:

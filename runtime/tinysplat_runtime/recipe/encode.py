@@ -26,6 +26,9 @@ LIST_QP = -6.0
 """Q_g of a capture as one list, where nobody said: what is trained on photos is nearer to them than what `compress` is
 usually given, so that the same steps would cost more of it."""
 
+LOOKS = 2
+"""At photos that the others contradict: two of one other scene may agree with each other until one is left out."""
+
 
 @dataclass(frozen=True)
 class Encoded:
@@ -120,7 +123,7 @@ class _Made:
 
 def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
     """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
-    from .ahead import ahead, chosen_from_gaussians, from_gaussians
+    from .ahead import ahead, from_gaussians, from_network
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
     from .refinement import chosen, compares
 
@@ -134,14 +137,16 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     told.plan(ahead(way, request, photos, refinement, is_compared=is_compared, is_coded=is_coded))
     doubted = _doubted(scene, told)
     gaussians = _predicted(request, scene, way, told, stats)
-    names = [name_of(frame) for frame in scene.frames]
-    left = _left(gaussians, scene, names, tools, told, stats) if is_compared else [*range(photos)]
-    if not left:
-        refinement = None
-    elif len(left) < photos:
+    for looks in range(LOOKS, 0, -1) if is_compared else ():
+        left = _left(gaussians, scene, [name_of(frame) for frame in scene.frames], tools, told, stats)
+        if len(left) == photos:
+            break
+        if not left:
+            refinement = None
+            break
         scene, photos = scene.views(left), len(left)
         way = _way(request, scene, tools)
-        told.plan([*way.steps, *chosen_from_gaussians(request, photos, refinement, is_coded=is_coded)])
+        told.plan(from_network(way, request, photos, refinement, is_compared=looks > 1, is_coded=is_coded))
         try:  # again, as what they show has misled the network about their neighbours
             gaussians = _predicted(request, scene, way, told, stats)
         except InputError:  # a photo that had something in common with these alone
@@ -184,7 +189,7 @@ def _left(
         strangers = printable.listed([names[view] for view in out])
         told.say("doubt", f"left out {strangers}: the other photos contradict what it shows", scene.path)
     elif out:
-        told.say("doubt", f"not refined: {AT_ODDS}", scene.path)
+        told.say("doubt", f"{AT_ODDS}, and correct nothing", scene.path)
     return left
 
 

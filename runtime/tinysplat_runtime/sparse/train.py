@@ -241,11 +241,11 @@ class _Training:
 
 
 def _gains(logs: NDArray, certain: float) -> NDArray:
-    """(V,) gains of photos by the logarithms of what was measured, their geometric mean 1.
+    """(V,) gains of photos by the logarithms of what was measured, their median 1: one that is exposed otherwise makes
+    the scene neither darker nor brighter.
 
     Photos that nobody has seen have gains of their own, near 1. So only what surpasses `certain` is taken from a photo;
     the rest stays in the scene.
     """
     apart = logs - np.median(logs)
-    apart = np.sign(apart) * np.maximum(np.abs(apart) - certain, 0)
-    return np.exp(apart - apart.mean())
+    return np.exp(np.sign(apart) * np.maximum(np.abs(apart) - certain, 0))
