@@ -141,6 +141,12 @@ class Loop:
         """Give the Gaussians these values, (6, rows) float32."""
         self.field.values[:] = values
 
+    def go_back(self, start: NDArray, kept: float) -> None:
+        """Keep a share of what lies between values (6, rows) that the Gaussians began with and those that they have."""
+        for grid in self.field.grids:
+            values, begun = (array[:, grid.rows] for array in (self.field.values, start))
+            values += np.float32(1 - kept) * (begun - values)
+
     def photo_psnr(self) -> float:
         """dB of the photos that are judged, exposed as they began, from all Gaussians, near views first; the mean."""
         targets = [_with(self._sizes[0][view], self._begun[view]) for view in self.judged]
@@ -149,17 +155,21 @@ class Loop:
 
     def check(self) -> Look:
         """How the photos that judge are shown. Those held back by all Gaussians, with dB of their mean squared error;
-        others by the Gaussians of the others, where those showed something first, with the mean of their dB.
+        others by the Gaussians of the others.
         """
-        if self.held:
-            targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
-            errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
-            psnr = decibels(float(np.mean([error.squared / (3 * error.known) for error in errors])))
-        else:
-            errors = [error for error in map(self._checked, self.judged) if error.known]
-            psnr = float(np.mean([error.psnr for error in errors])) if errors else 0.0
-        alike, compared = (sum(getattr(error, name) for error in errors) for name in ("alike", "compared"))
-        return Look(psnr, alike / max(compared, 1))
+        if not self.held:
+            return self.check_by_others()
+        targets = [self._exposed(view, self._sizes[0][view]) for view in self.held]
+        errors = [self.field.measure(target, shares=self.field.shares(target.camera)) for target in targets]
+        squared = float(np.mean([error.squared / (3 * error.known) for error in errors]))
+        return Look(decibels(squared), _alike(errors))
+
+    def check_by_others(self) -> Look:
+        """How the photos that judge are shown by the Gaussians of the others, where those showed something first; the
+        mean of their dB.
+        """
+        errors = [error for error in map(self._checked, self.judged) if error.known]
+        return Look(float(np.mean([error.psnr for error in errors])) if errors else 0.0, _alike(errors))
 
     def _checked(self, view: int) -> PhotoError:
         """What a photo lacks if drawn from the Gaussians of the others, where they showed something at first."""
@@ -226,6 +236,12 @@ class Loop:
 def _with(target: Target, exposure: NDArray) -> Target:
     gain, offset = exposure
     return replace(target, gain=gain, offset=offset)
+
+
+def _alike(errors: Sequence[PhotoError]) -> float:
+    """SSIM of all blocks."""
+    alike, compared = (sum(getattr(error, name) for error in errors) for name in ("alike", "compared"))
+    return alike / max(compared, 1)
 
 
 def _corrects(view: int, shares: Shares, grid: Grid) -> bool:

@@ -102,6 +102,7 @@ class Refining:
         seconds = time.perf_counter() - begun
         prices = self._prices(gaussians, moving)
         self._loop = Loop(moving, self._sizes, prices, self._settings, self._run_jobs, self._exposures)
+        self._begun = _copied(moving)
         self._seconds["judging"] = seconds / len(errors) * len(self._loop.judged)
         stats.before = float(np.mean([errors[view].psnr for view in self._loop.judged]))
         self._look()
@@ -111,6 +112,7 @@ class Refining:
         elif self._loop.held:
             stats.held = len(self._loop.held)
             stats.before = stats.looks[0][1]
+            self._by_others = self._loop.check_by_others()
 
     def _errors(self, moving: MovableGaussians, told: Told) -> list[PhotoError]:
         """What each photo lacks at the start, as it was exposed; keeps exposures and halved pictures."""
@@ -197,11 +199,14 @@ class Refining:
                 stats.reason = f"photos contradict each other: {stats.held} held back lose by it"
             return start
         if loop.held:
+            if loop.check_by_others().ssim < self._by_others.ssim:
+                loop.go_back(self._begun, self._settings.kept)
             stats.after = next(dB for step, dB, _ in stats.looks if step == stats.kept)
             for _ in range(self._settings.given_back):
                 loop.step(loop.held)
         else:
             loop.put(self._best)
+            loop.go_back(self._begun, self._settings.kept)
             stats.after = loop.photo_psnr()
         refined = loop.field.gaussians(start)
         if not loop.held and stats.after <= stats.before:
@@ -239,10 +244,7 @@ class Refining:
         targets = lacking_alike(self._sizes[0], self._halved, moving)
         settings = settings_for(len(gaussians.cameras), self._start.opacities[0].size, below=True)
         loop = Loop(moving, [targets], self._prices(gaussians, moving), settings, run_jobs, self._exposures)
-        start = disk.zeros(moving.values.shape, views=len(gaussians.cameras))
-        for grid in moving.grids:
-            start[:, grid.rows] = moving.values[:, grid.rows]
-        self._smaller = _Smaller(loop, start)
+        self._smaller = _Smaller(loop, _copied(moving))
         return self._smaller
 
     def _go_up(self) -> None:
@@ -277,6 +279,14 @@ class _Smaller:
 
     loop: Loop
     start: NDArray
+
+
+def _copied(moving: MovableGaussians) -> NDArray:
+    """The values (6, rows) that they have now, of a capture on disk."""
+    values = disk.zeros(moving.values.shape, views=1 + moving.grids[-1].view)
+    for grid in moving.grids:
+        values[:, grid.rows] = moving.values[:, grid.rows]
+    return values
 
 
 def _limit(steps: int | None, seconds: float | None, views: int) -> int:

@@ -43,6 +43,9 @@ class Settings:
         held_back: one of so many photos, at least two, judges and corrects nothing before the end; 0 for none, where
             photos that correct judge, each from the Gaussians of the others.
         given_back: steps at the end on photos that were held back.
+        kept: share of every correction that is kept at the end, 1 for all. Between start and end, Gaussians fit these
+            photos less closely, and show new views better. Of a capture, all is kept unless photos that are held back
+            became less like what the Gaussians of the others show.
         leaves_own_out: draws a photo every other time as a new view is drawn of a capture, from the Gaussians of the
             others alone, in place of by depth.
         closer: whether photos of twice the size are looked at too, where they are at hand.
@@ -75,6 +78,7 @@ class Settings:
     steps_below: int = 3
     held_back: int = 0
     given_back: int = 0
+    kept: float = 0.5
     leaves_own_out: bool = False
     closer: bool = True
 
@@ -92,13 +96,13 @@ colours from −0.6 to 2.8. Values that begin outside stay where they are or mov
 
 FOR_TWO = Settings(
     log_depth=0.0, log_size=3e-2, logit=0.05, sh=4e-3, together=2, structure=0.0, hidden=0.0, half_after=math.inf,
-    look_every=2, least_shown=(0.0, 0.0), least_gain=0.015, patience=1, most_steps=4, steps_below=0,
+    look_every=2, least_shown=(0.0, 0.0), least_gain=0.015, patience=1, most_steps=4, steps_below=0, kept=1.0,
 )  # fmt: skip
 """Two photos say nothing more about depth, and little about what hides what: a few short steps, closely looked at."""
 
 OF_CAPTURE = Settings(
     log_depth=6e-4, log_size=0.04, logit=0.08, sh=4.2e-3, price=0.02, price_of_colour=6e-4, structure=0.2,
-    patience=2, usual_steps=8, steps_below=5, held_back=8, given_back=2, leaves_own_out=True, closer=False,
+    patience=2, usual_steps=8, steps_below=5, held_back=8, given_back=2, kept=0.75, leaves_own_out=True, closer=False,
 )  # fmt: skip
 """Most is mended on smaller copies, smoothly, which costs few bytes; pixels of their own then go no far way."""
 
