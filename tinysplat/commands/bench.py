@@ -16,6 +16,7 @@ from tinysplat.measure.study import Options, Run
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.cli.options import add_threads
+from tinysplat_runtime.cli.outputs import made_folder
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
@@ -70,9 +71,7 @@ def run(args: Namespace) -> None:
         return
     studies, inputs = split_words(args.words)
     find_artifact(args.model, "network")
-    folder = Path(args.output)
-    if folder.exists() and not folder.is_dir():
-        raise InputError("is a file, expected a folder for the report", where=args.output)
+    folder = made_folder(args.output)
     options = Options(**{one.name: getattr(args, one.name) for one in fields(Options)})
     bench = Run(args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), inputs, args.model, options)
     measured = measure_studies(bench, studies, quiet=args.quiet)

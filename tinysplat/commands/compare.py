@@ -10,6 +10,7 @@ from tinysplat.measure.show.sheets import MOST_PIXELS, Sheet, gaussian_sheet, pi
 from tinysplat.measure.show.tables import format_table, number
 from tinysplat_runtime.api import Runtime, load_gaussians
 from tinysplat_runtime.cli.arguments import size
+from tinysplat_runtime.cli.outputs import made_folder
 from tinysplat_runtime.container.layout import MAX_FILE_BYTES, SUFFIX
 from tinysplat_runtime.errors import InputError, within
 from tinysplat_runtime.formats.table import endings
@@ -50,10 +51,7 @@ def run(args: Namespace) -> None:
     voice = Voice(args.quiet)
     voice.plan(STEPS)
     sheet = _sheet(Path(args.a), Path(args.b), args.cameras, args.size, voice)
-    folder = Path(args.output)
-    if folder.exists() and not folder.is_dir():
-        raise InputError("is a file, expected a folder", where=str(folder))
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = made_folder(args.output)
     paths = write_sheet(folder, sheet, voice)
     views = [row.scores() for row in voice.progress("measuring", sheet.rows)]
     found = {"files": [path.name for path in paths], "views": views}

@@ -20,6 +20,7 @@ from tinysplat.measure.subjects.cases import Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
 from tinysplat_runtime.cli.arguments import budget, indices, size
 from tinysplat_runtime.cli.options import add_threads
+from tinysplat_runtime.cli.outputs import made_folder
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
@@ -121,10 +122,7 @@ def run(args: Namespace) -> None:
         args.views,
         args.limit,
     )
-    folder = Path(args.output)
-    if folder.exists() and not folder.is_dir():
-        raise InputError("is a file, expected a folder for results", where=args.output)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = made_folder(args.output)
     codings = tuple(ProfileQp(p, q) for p in args.profile for q in args.qp)
     quality = Quality(codings, lpips, args.refine)
     threads = args.threads or max(1, available_cores() // args.jobs)

@@ -33,6 +33,15 @@ def is_standard(path: str) -> bool:
     return path == STANDARD or path.startswith(f"{STANDARD}.")
 
 
+def made_folder(path: str) -> Path:
+    """A folder for what a command writes, made where there is none."""
+    folder = Path(path)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, expected a folder", where=path)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 def check_inputs(args: Namespace) -> None:
     """Refuse URLs: paths that become `Path`s lose a slash, and nobody finds them in a message."""
     for name in INPUTS:

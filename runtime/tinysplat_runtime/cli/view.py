@@ -38,6 +38,7 @@ from ..system.printable import printable
 from ..system.progress import wipe
 from ..system.told import NOBODY, Told
 from ..system.voice import Voice
+from .outputs import made_folder
 
 FINE_QP = -6.0
 """Q_g of scenes that come in other formats: half the steps of a file's, as it is coded only to be looked at."""
@@ -88,11 +89,7 @@ def _written(path: str | None, page: str) -> str:
 
 
 def _written_files(folder: str, files: Mapping[str, bytes]) -> str:
-    target = Path(folder)
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(error.strerror or "cannot be made", where=folder) from None
+    target = made_folder(folder)
     for name, data in files.items():
         write_atomically(target / name, data)
     size = sum(map(len, files.values()))

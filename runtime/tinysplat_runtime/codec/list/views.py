@@ -262,16 +262,17 @@ def _pairs(cameras: Sequence[Camera], depth: float) -> list[tuple[Camera, Camera
     return [(cameras[first], cameras[second]) for first, second in sorted(found)]
 
 
-def views_about(gaussians: Gaussians, count: int, turned: float = 0.0) -> list[Camera]:
-    """Cameras that see (N,) Gaussians as those would who walk about them; `turned` by so many radians, others.
+def views_about(gaussians: Gaussians, count: int) -> list[Camera]:
+    """Cameras that see (N,) Gaussians as those would who walk about them.
 
     They stand outside, some of them near, evenly on the sphere but for its poles; of a room, a third of all
     stand in its middle and look outwards.
     """
-    return _views_about(gaussians, count, turned, _is_room(gaussians))
+    return _views_about(gaussians, count, 0.0, _is_room(gaussians))
 
 
 def _views_about(gaussians: Gaussians, count: int, turned: float, is_room: bool) -> list[Camera]:
+    """The same; `turned` by so many radians, others."""
     middle, _ = _bulk(gaussians)
     inner = count // 3 if is_room else 0
     within = [_camera(middle, _on_the_sphere(n, inner, 0.5, turned), SIDE / 2, SIDE) for n in range(inner)]
@@ -305,7 +306,7 @@ def _outer_views(gaussians: Gaussians, count: int, turned: float) -> list[Camera
     return cameras
 
 
-def _on_the_sphere(number: int, count: int, steepest: float, turned: float = 0.0) -> NDArray:
+def _on_the_sphere(number: int, count: int, steepest: float, turned: float) -> NDArray:
     """Unit vector of a Fibonacci spiral about the y axis."""
     height = steepest * (1 - (2 * number + 1) / count)
     turn, flat = number * _GOLDEN + 0.1 + turned, math.sqrt(1 - height * height)
