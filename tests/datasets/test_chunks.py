@@ -149,4 +149,4 @@ def test_what_names_no_frames_is_refused_by_its_place(tmp_path, text, said):
     path = tmp_path / "index.json"
     path.write_text(text)
     with refusing(InputError, f"{path} {said}"):
-        read_paper_index(path)
+        read_paper_index(path, "re10k")

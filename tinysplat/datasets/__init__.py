@@ -1,7 +1,7 @@
 """The paper's evaluation data in the layout that MVSplat and DepthSplat publish: RealEstate10K, ACID, DL3DV.
 
     folder = ChunkFolder("re10k/test", SPECS["re10k"])
-    windows = read_paper_index("evaluation_index_re10k.json")
+    windows = read_paper_index("evaluation_index_re10k.json", "re10k")
     images, cameras = folder.scene(key).views(windows[key].context, (256, 256))
 
 Chunks are loaded with torch, `weights_only`; frames are prepared as the official evaluations do.
@@ -10,7 +10,7 @@ Chunks are loaded with torch, `weights_only`; frames are prepared as the officia
 from __future__ import annotations
 
 from .chunks import ChunkFolder, ChunkScene
-from .indices import PaperWindow, read_paper_index
+from .indices import Window, read_paper_index
 from .specs import SPECS, DatasetSpec
 
-__all__ = ["SPECS", "ChunkFolder", "ChunkScene", "DatasetSpec", "PaperWindow", "read_paper_index"]
+__all__ = ["SPECS", "ChunkFolder", "ChunkScene", "DatasetSpec", "Window", "read_paper_index"]

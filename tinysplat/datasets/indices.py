@@ -15,21 +15,30 @@ MAX_INDEX_BYTES = 64 * 1000 * 1000
 
 
 @dataclass(frozen=True)
-class PaperWindow:
-    """Frames of one scene: what the network gets, and what its pictures are held against."""
+class Window:
+    """Frames of one scene: those that a network gets, and those that its Gaussians are held against.
 
+    Attributes:
+        kind: `near`, `wide`, `multi` or a data set's name.
+        context, targets: frames.
+    """
+
+    kind: str
     context: tuple[int, ...]
     targets: tuple[int, ...]
 
+    def __str__(self) -> str:
+        return f"{self.kind} {','.join(map(str, self.context))}"
 
-def read_paper_index(path: StrPath) -> dict[str, PaperWindow]:
-    """Windows by scene key; scenes that the index gives as null are not evaluated and left out.
+
+def read_paper_index(path: StrPath, dataset: str) -> dict[str, Window]:
+    """Windows of a data set by scene key; scenes that the index gives as null are not evaluated and left out.
 
     Raises:
         InputError: names the file and the scene at fault.
     """
     document = read_object(path, MAX_INDEX_BYTES, "of windows by scene key")
-    return {key: _window(entry, f"{path}: {key}") for key, entry in document.items() if entry is not None}
+    return {key: _window(entry, dataset, f"{path}: {key}") for key, entry in document.items() if entry is not None}
 
 
 def read_object(path: StrPath, max_bytes: int, what: str) -> JsonObject:
@@ -43,10 +52,10 @@ def read_object(path: StrPath, max_bytes: int, what: str) -> JsonObject:
     return document
 
 
-def _window(entry: Any, where: str) -> PaperWindow:
+def _window(entry: Any, dataset: str, where: str) -> Window:
     if not isinstance(entry, dict):
         raise InputError("expected an object with context and target, or null", where=where)
-    return PaperWindow(frame_indices(entry, "context", where), frame_indices(entry, "target", where))
+    return Window(dataset, frame_indices(entry, "context", where), frame_indices(entry, "target", where))
 
 
 def frame_indices(entry: JsonObject, name: str, where: str) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat.datasets import Window
 from tinysplat_runtime.errors import TinySplatError
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.scenes import Scene
@@ -20,23 +21,6 @@ DEPTHS = 16
 
 SHARE = 0.5
 """Share of them that must lie in the frame of a context view for the pixel to be covered."""
-
-
-@dataclass(frozen=True)
-class Window:
-    """Frames of one scene: those that a network gets, and those that its Gaussians are held against.
-
-    Attributes:
-        kind: `near`, `wide`, `multi` or a data set's name.
-        context, targets: frames.
-    """
-
-    kind: str
-    context: tuple[int, ...]
-    targets: tuple[int, ...]
-
-    def __str__(self) -> str:
-        return f"{self.kind} {','.join(map(str, self.context))}"
 
 
 @dataclass(frozen=True)

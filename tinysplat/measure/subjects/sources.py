@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from tinysplat.datasets import SPECS, ChunkFolder, read_paper_index
+from tinysplat.datasets import SPECS, ChunkFolder, Window, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE
 from tinysplat.datasets.indices import frame_indices, read_object
 from tinysplat_runtime.errors import InputError, TinySplatError
@@ -27,7 +27,7 @@ from tinysplat_runtime.system.files import StrPath, read_limited
 from tinysplat_runtime.system.jsonfields import JsonObject
 
 from ..rows import digest
-from .cases import LeftOut, PhotoViews, Shots, Source, Window
+from .cases import LeftOut, PhotoViews, Shots, Source
 
 EVAL_INDEX = "eval_index.json"
 MAX_INDEX_BYTES = 16 * 1000 * 1000
@@ -173,14 +173,11 @@ def _chunk_sources(
     if index is None:
         raise InputError("a folder of chunks needs its evaluation index: give --index F.json")
     chunks = _chunk_folder(path, dataset).chunks
-    wanted = read_paper_index(index)
+    wanted = read_paper_index(index, dataset)
     missing = [key for key in wanted if key not in chunks]
     # Scenes of one chunk follow each other, so that each chunk is loaded once.
     present = sorted((key for key in wanted if key in chunks), key=lambda key: (chunks[key], key))
-    sources: list[Source] = [
-        ChunkSource(path, dataset, key, Window(dataset, wanted[key].context, wanted[key].targets), near, far)
-        for key in present
-    ]
+    sources: list[Source] = [ChunkSource(path, dataset, key, wanted[key], near, far) for key in present]
     if not missing:
         return sources, []
     why = f"{len(missing)} scenes of {index} are not here, such as {missing[0]}"
