@@ -11,19 +11,17 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
 from numbers import Integral
-from types import UnionType
 from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
 from .container.limits import Limits
-from .errors import InputError, within
+from .errors import InputError, check_is, within
 from .gaussian.gaussians import Gaussians
 from .graphs import DEFAULT_MODEL
 from .graphs.inference import GraphStore
 from .graphs.providers import CPU, Provider
 from .system.files import StrPath, read_limited
 from .system.jsonfields import JsonObject
-from .system.printable import type_of
 from .system.stopwatch import Stopwatch
 from .system.threads import available_cores
 from .system.told import Told, Warned
@@ -117,7 +115,7 @@ class Runtime:
         from .graphs.ways import Way
         from .scene.scenes import Scene
 
-        _check(scene, Scene, "scene", "a Scene, which `load_scene` reads")
+        check_is(scene, Scene, "scene", "a Scene, which `load_scene` reads")
         way = Way.of(scene, model, self.store, threads=self.threads, whole=whole, joint=joint)
         return way.predicted(scene, watch or Stopwatch(), self.told)
 
@@ -198,7 +196,7 @@ class Runtime:
         from .recipe.encode import compress
         from .recipe.request import CompressRequest
 
-        _check(gaussians, Gaussians, *GAUSSIANS)
+        check_is(gaussians, Gaussians, *GAUSSIANS)
         request = CompressRequest.of(gaussians, profile=profile, qp=qp, **options)
         return compress(request, self, self.told, stats=stats).data
 
@@ -271,7 +269,7 @@ class Runtime:
         from .codec.decoder import decode_file
         from .container.reader import read_container
 
-        _check(data, bytes | bytearray | memoryview, *BYTES)
+        check_is(data, bytes | bytearray | memoryview, *BYTES)
         if max_bytes is not None and max_bytes < 1:
             raise InputError(f"{max_bytes}, expected 1 or more", where="max_bytes")
         watch = watch or Stopwatch()
@@ -308,8 +306,8 @@ class Runtime:
         request = ExportRequest.of(**options)
         sources: Sequence[Any] = source if isinstance(source, list | tuple) else [source]
         for value in sources:
-            _check(value, PATH, "source", "a path")
-        _check(target, PATH, "target", "a path")
+            check_is(value, PATH, "source", "a path")
+        check_is(target, PATH, "target", "a path")
         files = [os.fspath(value) for value in sources]
         parts = [(file, self._loaded(file, request.views)) for file in files]
         origin = files[0] if len(files) == 1 and files[0].lower().endswith(SUFFIX) else None
@@ -346,15 +344,10 @@ class Runtime:
             InputError: `source` cannot be read, its server gives no ranges, or it holds a list.
         """
         from .codec.byte_ranges import ranges_of
-        from .codec.parts import CACHE_BYTES, SceneFile
+        from .codec.parts import SceneFile
 
-        ranges, kept = ranges_of(source), CACHE_BYTES if cache_bytes is None else cache_bytes
-        options: JsonObject = {"threads": self.threads, "limits": self.limits, "model": model}
-        try:
-            return SceneFile(ranges, self.store, cache_bytes=kept, **options)
-        except BaseException:
-            ranges.close()
-            raise
+        how: JsonObject = {"threads": self.threads, "limits": self.limits, "model": model, "cache_bytes": cache_bytes}
+        return SceneFile(ranges_of(source), self.store, **how)
 
     def render(
         self,
@@ -372,11 +365,6 @@ class Runtime:
 
         asked = self.threads if threads is None else threads
         return render_gaussians(gaussians, camera, size, dilation=dilation, order=order, threads=asked, **options)
-
-
-def _check(value: object, kinds: type | UnionType, where: str, expected: str) -> None:
-    if not isinstance(value, kinds):
-        raise InputError(f"{type_of(value)}, expected {expected}", where=where)
 
 
 _shared = lru_cache(maxsize=1)(Runtime)
@@ -416,7 +404,7 @@ def load_gaussians(
         FormatError: a damaged `.tsplat` file.
         InputError: names the file: missing, damaged, or options that a `.tsplat` file, which has cameras, cannot take.
     """
-    _check(path, PATH, "path", "a path")
+    check_is(path, PATH, "path", "a path")
     if not os.fspath(path).lower().endswith(SUFFIX):
         from .formats import table
 
@@ -441,8 +429,8 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKe
     Raises:
         InputError, NumericError: as `compress`, or as `convert`.
     """
-    _check(path, PATH, "path", "a path")
-    _check(gaussians, Gaussians, *GAUSSIANS)
+    check_is(path, PATH, "path", "a path")
+    check_is(gaussians, Gaussians, *GAUSSIANS)
     from .recipe.export import save
 
     return save(path, gaussians, options, _shared())
@@ -452,5 +440,5 @@ def inspect(data: bytes) -> JsonObject:
     """What a file holds, without decoding planes; see `tinysplat_runtime.container.inspection.inspect_bytes`."""
     from .container.inspection import inspect_bytes
 
-    _check(data, bytes | bytearray | memoryview, *BYTES)
+    check_is(data, bytes | bytearray | memoryview, *BYTES)
     return inspect_bytes(data)

@@ -21,8 +21,9 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import UnionType
 
-from .system.printable import printable
+from .system.printable import printable, type_of
 
 
 class TinySplatError(Exception):
@@ -101,6 +102,12 @@ class InputWarning(UserWarning):
 
 class SceneWarning(InputWarning):
     """Photos, cameras or depths of a scene do not seem to belong together; it is coded all the same."""
+
+
+def check_is(value: object, kinds: type | UnionType, where: str, expected: str) -> None:
+    """InputError where a value is of another kind than what is expected."""
+    if not isinstance(value, kinds):
+        raise InputError(f"{type_of(value)}, expected {expected}", where=where)
 
 
 def warn(text: str, category: type[InputWarning] = InputWarning) -> None:

@@ -17,13 +17,12 @@ import numpy as np
 from ..container.limits import Limits
 from ..container.reader import check_views, read_container, read_outline
 from ..container.sections import metadata_range, table_end
-from ..errors import FormatError, InputError
+from ..errors import FormatError, InputError, check_is
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians, joined
 from ..graphs.inference import GraphStore
 from ..scene.cameras import Camera
 from ..scene.neighbours import NEAR, nearest_views
-from ..system.printable import type_of
 from .byte_ranges import Ranges
 from .decoder import decode_file
 
@@ -53,26 +52,35 @@ class SceneFile:
         threads: int,
         limits: Limits | None = None,
         model: str | None = None,
-        cache_bytes: int = CACHE_BYTES,
+        cache_bytes: int | None = None,
         first_bytes: int = FIRST_BYTES,
     ) -> None:
         """Read the metadata.
 
         Args:
-            source: the file's bytes.
+            source: the file's bytes; closed where that fails.
             store, threads, model: as for `decode_file`.
             limits: what to accept.
-            cache_bytes: most memory of decoded views that are kept; a call can take more for what it returns.
+            cache_bytes: most memory of decoded views that are kept, None for `CACHE_BYTES`; a call can take more for
+                what it returns.
             first_bytes: read at first, of which the metadata may take more or less.
 
         Raises:
             FormatError: damaged, foreign or beyond the limits.
         """
-        self._source, self._limits, self._cache_bytes = source, limits, cache_bytes
+        self._source, self._limits = source, limits
+        self._cache_bytes = CACHE_BYTES if cache_bytes is None else cache_bytes
         self._decode = partial(decode_file, store=store, threads=threads, model=model)
         self.bytes_read = 0
         self._cached: OrderedDict[int, Gaussians] = OrderedDict()
         self._last: tuple[tuple[int, ...], Gaussians] | None = None
+        try:
+            self._begin(first_bytes)
+        except BaseException:
+            source.close()
+            raise
+
+    def _begin(self, first_bytes: int) -> None:
         self._data, end = self._metadata(first_bytes)
         outline = read_outline(self._data)
         self._is_divided = outline is not None
@@ -80,7 +88,7 @@ class SceneFile:
             self.cameras, self._depths, self._ranges = outline.cameras, outline.depth_limits, outline.ranges
         else:
             self._data = self._up_to(self._data, end + 1)  # a byte more: none may follow the last section
-            whole = self._decode(read_container(self._data, limits))
+            whole = self._decode(read_container(self._data, self._limits))
             if not whole.is_per_pixel:
                 raise InputError("a file that holds a list has no views to choose from", where="file")
             self.cameras, self._depths = whole.cameras, _depths(whole)
@@ -137,8 +145,7 @@ class SceneFile:
 
     def nearest(self, camera: Camera, count: int = NEAR) -> list[int]:
         """Which views those are, rising; all where there are no more."""
-        if not isinstance(camera, Camera):
-            raise InputError(f"{type_of(camera)}, expected a Camera", where="camera")
+        check_is(camera, Camera, "camera", "a Camera")
         if not isinstance(count, int) or count < 1:
             raise InputError(f"{str(count)[:40]}, expected a whole number of 1 or more", where="count")
         near, far = self._depths

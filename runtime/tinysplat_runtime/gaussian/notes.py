@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ..errors import InputError
-from ..system.printable import type_of, unprinted
+from ..errors import InputError, check_is
+from ..system.printable import unprinted
 
 MAX_BYTES = {"unit": 32, "attribution": 1024, "licence": 128, "refined": 128, "antialiased": 3, "pruned": 128}
 """Longest text of a field in UTF-8."""
@@ -48,8 +48,7 @@ class Notes:
 
     def __post_init__(self) -> None:
         for name, text in asdict(self).items():
-            if not isinstance(text, str):
-                raise InputError(f"{type_of(text)}, expected text", where=name)
+            check_is(text, str, name, "text")
             bad = unprinted(text)
             if bad is not None:
                 raise InputError(f"holds U+{ord(bad):04X}, expected characters that print, in one line", where=name)

@@ -8,9 +8,8 @@ from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
-from ...errors import InputError
+from ...errors import InputError, check_is
 from ...system.files import StrPath
-from ...system.printable import type_of
 from ..cameras import Camera
 from ..footage import SUFFIXES
 from ..images import PHOTO_SUFFIXES
@@ -69,8 +68,7 @@ def load_scene(path: StrPath, near: float | None = None, far: float | None = Non
     Raises:
         InputError: names the file and the field at fault.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(f"{type_of(path)}, expected a path", where="scene")
+    check_is(path, str | os.PathLike, "scene", "a path")
     if "://" in str(path):
         raise InputError(
             "a URL, expected a file or folder on this machine (`tinysplat batch` takes URLs)", where=str(path)
