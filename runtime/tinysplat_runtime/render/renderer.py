@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..errors import InputError, check_is
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
@@ -87,8 +87,7 @@ class Renderer:
             InputError: `gaussians` are none, `threads` is no whole number above 0, `dilation` or `order` is neither of
                 the two, or `compiled` is asked for without numba.
         """
-        if not isinstance(gaussians, Gaussians):
-            raise InputError(f"{type(gaussians).__name__}, expected Gaussians", where="gaussians")
+        check_is(gaussians, Gaussians, "gaussians", "Gaussians")
         self._threads = _whole_number("threads", threads) if threads is not None else available_cores()
         self._origin = gaussians.origin
         self._run = Crew(self._threads).map
@@ -130,8 +129,7 @@ class Renderer:
         """Render one frame; see `render` for arguments, result and errors."""
         outputs = _checked_outputs(outputs)
         colour = _checked_background(background)
-        if not isinstance(camera, Camera):
-            raise InputError(f"{type(camera).__name__}, expected a Camera", where="camera")
+        check_is(camera, Camera, "camera", "a Camera")
         if size is not None:
             camera = camera.resized(*_checked_size(size))
         if not (isinstance(near_plane, Real) and 0 <= near_plane < math.inf):
