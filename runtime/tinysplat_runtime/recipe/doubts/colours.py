@@ -25,7 +25,8 @@ def colour_doubts(seen: Seen) -> list[str]:
         rest = [pair for pair in samples.items() if v not in pair[0]]
         if len(own) < 2 or not rest:
             continue
-        level = float(np.median([_level(*pair) for pair in own]))
+        levels = sorted((_level(*pair) for pair in own), key=lambda level: abs(np.log(level)))
+        level = levels[(len(levels) - 1) // 2]  # of two the nearer to 1: one pair alone may be the other photo's fault
         usual = float(np.median([abs(np.log(_level(*pair))) for _, pair in rest]))
         if abs(np.log(level)) > -np.log(DARKER) and usual < -np.log(DARKER) / 2:
             word = "darker" if level < 1 else "brighter"
