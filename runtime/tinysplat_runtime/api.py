@@ -213,9 +213,9 @@ class Runtime:
     ) -> bytes:
         """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
 
-        Of more than six photos those that the scene needs are chosen, and their Gaussians refined where numba is
-        installed. A depth range that the scene lacks is estimated, photos of more than about 640×480 pixels are scaled
-        to that, and what is likely wrong with the scene is a `SceneWarning`.
+        Of more than six photos those that the scene needs are chosen. Of three or more, Gaussians are refined where
+        numba is installed. A depth range that the scene lacks is estimated, photos of more than about 640×480 pixels
+        are scaled to that, and what is likely wrong with the scene is a `SceneWarning`.
 
         Args:
             scene: a `Scene`, the path of one, or what else `recipe.request.EncodeRequest` takes.

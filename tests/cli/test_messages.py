@@ -89,7 +89,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("encode desk --output=", "-o: an empty name"),
         ("encode desk -o o.tsplat --profile best", "'best'"),
         ("encode desk -o o.tsplat --threads 0", "--threads"),
-        ("encode desk -o o.tsplat --provider Foo", "Foo"),
+        ("encode desk -o o.tsplat --no-refine --provider Foo", "Foo"),
         ("encode desk desk -o o.tsplat", "2"),
         ("encode desk", "--output"),
         ("encode desk -o o.tsplat --nonsense", "--nonsense"),

@@ -125,12 +125,12 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
     from .ahead import ahead, from_gaussians, from_network
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
-    from .refinement import chosen, compares
+    from .refinement import chosen
 
     scene = prepared(request, told)
     way = _way(request, scene, tools)
     request, refinement = chosen(request, scene, way, told)
-    is_compared = compares(request, scene, way, refinement)
+    is_compared = bool(refinement) and request.like is None
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
     photos = len(scene.frames)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib.util import find_spec
 
-from ..codec.modes import DEFAULT_MODE, EITHER, LIST, PHOTOS
+from ..codec.modes import DEFAULT_MODE, EITHER, LIST
 from ..errors import InputError
 from ..graphs.ways import LEAST_EACH, Way
 from ..render.near import FEW
@@ -18,7 +18,7 @@ from .words import Refinement
 
 def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[EncodeRequest, Refinement | None]:
     """What was asked for, as views where a list cannot be chosen; and the steps that were asked for, or the usual ones
-    for a capture, if there are numba and memory for them.
+    for three photos or more, if there are numba and memory for them.
 
     Args:
         request: what was asked for.
@@ -46,26 +46,10 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[
     return request, _steps(request, scene, way, told)
 
 
-def compares(request: EncodeRequest, scene: Scene, way: Way, refinement: Refinement | None) -> bool:
-    """Whether photos that the others contradict are looked for, to be left out: where photos are to correct anything,
-    and of three or more, unless somebody wants no refinement, the views of another file, or the photos themselves, if
-    there are numba and memory for it.
-    """
-    if refinement is not None or request.refine is not None:
-        return bool(refinement) and request.like is None
-    if len(scene.frames) < LEAST_EACH or request.mode == PHOTOS or request.like is not None:
-        return False
-    try:
-        check_memory(scene, way, refined=True)
-    except InputError:
-        return False
-    return find_spec("numba") is not None
-
-
 def _steps(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refinement | None:
     """Of views."""
     asked, mode = request.refine, request.mode
-    is_usual = asked is None and len(scene.frames) > FEW and mode == DEFAULT_MODE and request.like is None
+    is_usual = asked is None and len(scene.frames) >= LEAST_EACH and mode == DEFAULT_MODE and request.like is None
     if not is_usual:
         check_memory(scene, way, mode=mode, refined=bool(asked))
         return asked or None
