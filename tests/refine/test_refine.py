@@ -113,7 +113,7 @@ def test_a_capture_whose_photos_agree_about_nothing_more_is_left_as_it_is(
 ) -> None:
     found, photos, _ = capture
     stats = RefineStats()
-    assert ts.refine(found, contradicting(found, photos, 0.2, tmp_path), stats=stats) is found
+    assert ts.refine(found, contradicting(found, photos, 0.3, tmp_path), stats=stats) is found
     assert stats.kept == 0 and stats.reason
 
 

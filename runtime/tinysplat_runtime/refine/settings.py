@@ -69,7 +69,7 @@ class Settings:
     hidden: float = 0.03
     look_every: int = 2
     least_gain: float = 0.03
-    slack: float = 0.0012
+    slack: float = 0.0025
     slack_alike: float = 0.08
     least_shown: tuple[float, float] = (18.0, 0.6)
     patience: int = 3
