@@ -45,10 +45,11 @@ class Refining:
     Every step draws all photos, one after the other, takes the gradient of what each lacks (L1, and SSIM from three
     photos on, after a gain and an offset a photo) and moves the Gaussians of every layer that it sees along their
     pixels' rays, in size, opacity and colour. Now and then every photo is drawn from the Gaussians of the others: the
-    result is the step at which that was best, and the very Gaussians that were given if none was better than the start.
-    Of three photos or more, the first steps are taken on smaller copies (`coarse.py`). Of a capture, which has more
-    than six photos, a few are held back and correct nothing before the end: the result is the last step, and what was
-    given if these contradict it.
+    result goes as far towards the step at which that was best as `settings.Settings.kept` says, and is the very
+    Gaussians that were given if none was better than the start. Of three photos or more, the first steps are taken on
+    smaller copies (`coarse.py`). Of a capture, which has more than six photos, a few are held back and correct nothing
+    before the end: the result is the last step, or goes as far towards it where the others show these less alike than
+    before, and is what was given if they contradict it.
 
     Attributes:
         stats: what was done so far.
@@ -184,8 +185,8 @@ class Refining:
         return f"photos {np.mean([error.psnr for error in errors]):.2f} dB" if errors else ""
 
     def _result(self) -> Gaussians:
-        """The best so far, of a capture the last, with notes that say how they were refined; the start where nothing
-        was better, or photos held back contradict it.
+        """What is kept of the best step so far, of a capture of the last, with notes that say how they were refined;
+        the start where nothing was better, or photos held back contradict it.
         """
         loop, stats, start = self._loop, self.stats, self._start
         if loop is None:
