@@ -240,9 +240,9 @@ def compress(
         told.plan([*AGREED, *refined(request.refine), *coded(gaussians)])
         names = [f"view {view}" for view in range(len(gaussians.cameras))]
         left = _left(gaussians, scene, names, tools, told, stats)
-        if len(left) < len(names):
-            gaussians = select_views(gaussians, left or range(len(names)))
         if left:
+            if len(left) < len(names):
+                gaussians = select_views(gaussians, left)
             with stats.watch.stage("refine"):
                 gaussians = refine(gaussians, scene, request.refine, request, tools, stats=refinement, told=told)
             told.say("done", refinement.text)
