@@ -15,7 +15,7 @@ from pathlib import Path
 
 import tinysplat_runtime as ts
 from tinysplat.measure.clock import cpu_of
-from tinysplat.measure.studies.walking import to_photos
+from tinysplat.measure.pictures import to_photos
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import ALL

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 import tinysplat_runtime as ts
 from tinysplat.measure.clock import cpu_of
+from tinysplat.measure.pictures import to_photos
 from tinysplat.measure.rows import Row
-from tinysplat.measure.studies.walking import COMPARED, STUDY, TRAINER, to_photos
+from tinysplat.measure.studies.walking import COMPARED, STUDY, TRAINER
 from tinysplat.measure.subjects.captures import Capture, found_for
 from tinysplat.measure.subjects.corners import agreed_corners
 from tinysplat_runtime.render import DEFINITION, Renderer

@@ -12,7 +12,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import nn
 
 from tinysplat.measure.lpips import Lpips, LpipsFiles
-from tinysplat.measure.metrics import METRICS, flip, psnr, sharpness, ssim
+from tinysplat.measure.metrics import METRICS, fitted, flip, judged, psnr, sharpness, ssim
 from tinysplat_runtime.errors import InputError
 
 
@@ -166,3 +166,13 @@ def test_pixels_whose_reference_is_nan_do_not_count() -> None:
         if name in ("psnr", "sharpness"):
             assert metric(spoilt, left_out) == metric(image, left_out), name
     assert np.isnan(psnr(image, np.full_like(reference, np.nan)))
+
+
+def test_a_picture_that_differs_by_exposure_alone_is_as_good_as_its_photo_once_fitted() -> None:
+    reference = 0.25 + 0.5 * photo()
+    darker = reference * [0.7, 0.8, 0.6] + [0.05, 0.0, 0.1]
+    assert psnr(darker, reference) < 20 and np.abs(fitted(darker, reference) - reference).max() < 1e-6
+    assert judged(darker, reference)["fitted"] > 100 and judged(reference, reference)["fitted_ssim"] == 1
+    masked = reference.copy()
+    masked[:20] = np.nan
+    assert psnr(fitted(darker, masked), reference) > 100

@@ -61,7 +61,8 @@ def configure(parser: ArgumentParser) -> None:
     of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of photos; growth, walk")
     of.add_argument("--limit", type=int, metavar="N", help="measure only lists, up to this size; growth")
     of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
-    of.add_argument("--drawn", type=size, metavar="WxH", help="of pictures to judge; default --size; walk")
+    of.add_argument("--drawn", type=size, metavar="WxH", help="of pictures to judge; default --size; walk, gate")
+    of.add_argument("--mode", metavar="MODE", help="of files, as of encode; gate")
 
 
 def run(args: Namespace) -> None:

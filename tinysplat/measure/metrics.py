@@ -127,6 +127,42 @@ METRICS: Mapping[str, Callable[[NDArray, NDArray], float]] = {
 """What pictures are judged by, FLIP where its package is installed; LPIPS joins them where its weights are at hand."""
 
 
+def fitted(image: NDArray, reference: NDArray) -> NDArray:
+    """A picture with the exposure of its reference: the gain and offset of each colour that fit best.
+
+    How a photo that was left out was exposed is nobody's to know, so that a picture may be as good as its reference
+    and yet darker.
+
+    Args:
+        image: (H, W, 3) floating point.
+        reference: the same shape.
+
+    Returns:
+        (H, W, 3) float64 in [0, 1]; the picture itself where its reference knows no pixel.
+
+    Raises:
+        InputError: shapes differ.
+    """
+    shown, wanted, counts = _pictures(image, reference)
+    if not counts.any():
+        return shown
+    for colour in range(3):
+        seen, sought = shown[counts, colour], wanted[counts, colour]
+        (gain, offset), *_ = np.linalg.lstsq(np.stack([seen, np.ones_like(seen)], axis=1), sought, rcond=None)
+        shown[..., colour] = gain * shown[..., colour] + offset
+    return shown.clip(0, 1)
+
+
+def judged(image: NDArray, reference: NDArray) -> dict[str, float]:
+    """`METRICS` of a picture as it is, and fitted to its reference: `fitted`, dB, and `fitted_ssim`, `fitted_flip`."""
+    exposed = fitted(image, reference)
+    figures = {name: metric(image, reference) for name, metric in METRICS.items()}
+    figures["fitted"] = psnr(exposed, reference)
+    return figures | {
+        f"fitted_{name}": METRICS[name](exposed, reference) for name in ("ssim", "flip") if name in METRICS
+    }
+
+
 def _pictures(image: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Both as (H, W, 3) float64 in [0, 1], and (H, W) bool, which pixels count; the others are alike."""
     image, reference = np.asarray(image), np.asarray(reference)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.scenes import Scene
 
-from .metrics import psnr
+from .metrics import judged, psnr
 
 PictureMetric = Callable[[NDArray, NDArray], float]
 
@@ -56,3 +57,11 @@ def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable
 def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
     """Mean PSNR over pairs of pictures (H, W, 3) float, dB."""
     return statistics.fmean(psnr(a, b) for a, b in zip(images, references, strict=True))
+
+
+def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
+    """Means of what pictures are judged by against photos left out (`metrics.judged`), and their worst dB."""
+    scores = [judged(picture, frame.judged()) for picture, frame in zip(pictures, targets.frames, strict=True)]
+    means = {name: statistics.fmean(score[name] for score in scores) for name in scores[0]}
+    worst = {"worst": "psnr", "fitted_worst": "fitted"}
+    return means | {name: min(score[of] for score in scores) for name, of in worst.items()}

@@ -1,8 +1,8 @@
 """The work on windows with photos: networks and codings, raw, decoded and the photo baseline, and means of its rows.
 
-PSNR in dB, SSIM, FLIP, sharpness and LPIPS are means over the target images; `_raw` is the render of the network's
-Gaussians against the photo, no suffix that of the decoded ones, `_decoded_raw` decoded against raw, `_photo` the
-context photo taken from nearest, as if it were the answer. Covered pixels are those that some context view has in its
+PSNR in dB, SSIM, FLIP, sharpness and LPIPS are means over the target images, as are those called `fitted`, of pictures
+with the photo's exposure; `_raw` is the render of the network's Gaussians against the photo, no suffix that of the
+decoded ones, `_decoded_raw` decoded against raw, `_photo` the context photo taken from nearest, as if it were the answer. Covered pixels are those that some context view has in its
 frame.
 """
 
@@ -29,7 +29,7 @@ from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
-from .metrics import METRICS, psnr
+from .metrics import judged, psnr
 from .pictures import PictureJudge, PictureMetric, photo_psnr
 from .rows import Row, grouped
 from .subjects.cases import Shots, WindowJob, covered_pixels
@@ -196,9 +196,9 @@ def _scores(
     covered: Sequence[NDArray] = (),
 ) -> dict[str, list[float]]:
     """By figure, a number per picture; over covered pixels of the targets that have some at all."""
-    metrics: dict[str, PictureMetric] = {**METRICS, **({"lpips": lpips} if lpips else {})}
     pairs = list(zip(images, references, strict=True))
-    scores = {f"{name}{suffix}": [metric(a, b) for a, b in pairs] for name, metric in metrics.items()}
+    each = [judged(*pair) | ({"lpips": lpips(*pair)} if lpips else {}) for pair in pairs]
+    scores = {f"{name}{suffix}": [own[name] for own in each] for name in each[0]}
     if covered:
         masked = zip(pairs, covered, strict=True)
         scores[f"psnr{suffix}_covered"] = [psnr(*pair, mask) for pair, mask in masked if mask.any()]

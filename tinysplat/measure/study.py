@@ -47,6 +47,7 @@ class Options:
         limit: the largest list, and lists alone; None for the usual ones.
         size: (height, width) of photos, or None for the study's own.
         drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
+        mode: of files that `encode` makes, or None for the usual one.
     """
 
     qps: tuple[float, ...] = ()
@@ -54,6 +55,7 @@ class Options:
     limit: int | None = None
     size: tuple[int, int] | None = None
     drawn: tuple[int, int] | None = None
+    mode: str | None = None
 
 
 @dataclass

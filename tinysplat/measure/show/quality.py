@@ -68,6 +68,7 @@ _COLUMNS: dict[str, Cell] = {
     "photo dB": mean("psnr_photo", decibels),
     "raw dB": mean("psnr_raw", decibels),
     "coded dB": mean("psnr", decibels),
+    "fitted dB": mean("fitted", decibels),
     "dB before refinement": _before,
     "covered photo dB": mean("psnr_photo_covered", decibels),
     "covered raw dB": mean("psnr_raw_covered", decibels),

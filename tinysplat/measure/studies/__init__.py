@@ -16,6 +16,7 @@ STUDIES = {
     "list": "lists.LIST",
     "growth": "growth.GROWTH",
     "walk": "walking.WALK",
+    "gate": "gate.GATE",
     "corners": "corners.CORNERS",
     "poses": "placing.PLACING",
 }

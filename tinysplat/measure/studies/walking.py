@@ -15,14 +15,13 @@ in medians of the changes about it.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
@@ -39,7 +38,7 @@ from tinysplat_runtime.sparse import DEFAULT_GAUSSIANS
 from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
-from ..metrics import METRICS
+from ..pictures import to_photos
 from ..rows import Row, grouped, of_study
 from ..show.plots import Panel, save_panels
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
@@ -140,14 +139,6 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     yield row("nearest photo", 1, COMPARED, to_photos(shown, capture.targets))
 
 
-def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
-    """Means of what pictures are judged by against photos left out, and the worst picture's dB."""
-    pairs = zip(pictures, targets.frames, strict=True)
-    scores = [{name: metric(picture, frame.judged()) for name, metric in METRICS.items()} for picture, frame in pairs]
-    means = {name: statistics.fmean(score[name] for score in scores) for name in METRICS}
-    return {**means, "worst": min(score["psnr"] for score in scores)}
-
-
 def _spared(capture: Capture, data: bytes) -> dict[str, float]:
     """What a capture does without: photos, planes, colours, and Gaussians behind the surfaces."""
     file = inspect(data)
@@ -233,6 +224,8 @@ _COLUMNS = {
     "photos": _photos,
     "dB at photos left out": _of_file("psnr", decibels),
     "worst": _of_file("worst", decibels),
+    "fitted": _of_file("fitted", decibels),
+    "worst fitted": _of_file("fitted_worst", decibels),
     **_JUDGED,
 }
 
