@@ -170,9 +170,9 @@ def test_pixels_whose_reference_is_nan_do_not_count() -> None:
 
 def test_a_picture_that_differs_by_exposure_alone_is_as_good_as_its_photo_once_fitted() -> None:
     reference = 0.25 + 0.5 * photo()
-    darker = reference * [0.7, 0.8, 0.6] + [0.05, 0.0, 0.1]
+    darker = reference * [0.5, 0.6, 0.4] + [0.05, 0.0, 0.1]
     assert psnr(darker, reference) < 20 and np.abs(fitted(darker, reference) - reference).max() < 1e-6
-    assert judged(darker, reference)["fitted"] > 100 and judged(reference, reference)["fitted_ssim"] == 1
+    assert judged(darker, reference)["fitted"] > 100 and judged(darker, reference)["fitted_ssim"] > 0.999
     masked = reference.copy()
     masked[:20] = np.nan
     assert psnr(fitted(darker, masked), reference) > 100

@@ -2,7 +2,8 @@
 
 PSNR in dB, SSIM, FLIP, sharpness and LPIPS are means over the target images, as are those called `fitted`, of pictures
 with the photo's exposure; `_raw` is the render of the network's Gaussians against the photo, no suffix that of the
-decoded ones, `_decoded_raw` decoded against raw, `_photo` the context photo taken from nearest, as if it were the answer. Covered pixels are those that some context view has in its
+decoded ones, `_decoded_raw` decoded against raw, `_photo` the context photo taken from nearest, as if it were the
+answer. Covered pixels are those that some context view has in its
 frame.
 """
 
