@@ -27,7 +27,7 @@ from .merging import merged
 from .pictures import Pictures
 
 SHARE = 0.2
-"""Of the present Gaussians that go before they are ranked again."""
+"""Of the present Gaussians that go before they are ranked again, usually."""
 
 FEW = 0.02
 """Share of the present Gaussians that may go without a look at the others."""
@@ -122,6 +122,7 @@ class Remover:
         judging: Sequence[Camera] = (),
         is_late: Callable[[], bool] = lambda: False,
         told: Told = NOBODY,
+        share: float = SHARE,
     ) -> None:
         """Take (N,) Gaussians.
 
@@ -133,8 +134,10 @@ class Remover:
                 result is worth. Without any, those that decide do both.
             is_late: whether time is up: no more is then looked for that could go, nor merged or corrected.
             told: who is told how many are left, round by round.
+            share: of the present Gaussians that go before they are ranked again.
         """
         self._all, self._run, self._is_late, self._told = gaussians, run_jobs, is_late, told
+        self._share = share
         self._pictures = Pictures(cameras, run_jobs)
         choosing, telling = judging[::3], [one for number, one in enumerate(judging) if number % 3]
         self._judges = self._kept(choosing) if choosing else self._pictures
@@ -209,7 +212,7 @@ class Remover:
         """Rank on until no more than these are left."""
         rounds, left = 0, self._present.size
         while left > max(count, 0):
-            rounds, left = rounds + 1, left - math.ceil(SHARE * left)
+            rounds, left = rounds + 1, left - math.ceil(self._share * left)
         for _ in self._told.progress("ranking", range(rounds)):
             self._go_on()
 
@@ -217,7 +220,8 @@ class Remover:
         """Let the cheapest go, and look again."""
         costs = self._costs.sum(axis=1)
         order = np.argsort(costs, kind="stable")
-        gone, rest = order[: math.ceil(SHARE * order.size)], np.sort(order[math.ceil(SHARE * order.size) :])
+        going = math.ceil(self._share * order.size)
+        gone, rest = order[:going], np.sort(order[going:])
         self._prices[self._present[gone]] = np.maximum(costs[gone], self._dearest)
         self._dearest = max(self._dearest, float(costs[gone[-1]]))
         self._present, self._costs = self._present[rest], self._costs[rest]

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..codec.list.levels import LEAST_COUNT, LEVELS, Tiers
+from ..codec.list.views import Views
 from ..gaussian.gaussians import Gaussians
 from ..system import disk
 from .removal import Pruned, Remover
+
+LOOKED_FROM, JUDGED_FROM, RANKED = 12, 6, 0.5
+"""Views that rank what none is to go of, and that tell its growths; and the share of those present that is ranked at
+once, as prices are not needed."""
 
 GROWTHS = (0.0, 0.14, 0.26, 0.4, 0.56, 0.74, 0.94)
 """What is tried for logarithms of scales where later tiers are absent."""
@@ -28,6 +33,17 @@ def tiers_of(blocks: Sequence[tuple[Remover | None, Pruned]]) -> Tiers:
         disk.let_go()
     growths = np.average([tiers.growths for tiers in found], axis=0, weights=counts)
     return Tiers(LEVELS, np.concatenate([tiers.numbers for tiers in found]), tuple(growths.tolist()))
+
+
+def ranked(gaussians: Gaussians, views: Views, run_jobs: Callable) -> Tiers:
+    """Tiers of (N,) Gaussians of which none is to go, by a look from some of the views; one of few.
+
+    Each is of opacity 1/255 or more. `run_jobs` maps a function over a list, on any number of threads.
+    """
+    if gaussians.count < LEAST_COUNT or not views.deciding:
+        return Tiers.whole(gaussians.count)
+    remover = Remover(gaussians, views.some(LOOKED_FROM), run_jobs, views.judging[:JUDGED_FROM], share=RANKED)
+    return tiers_of([(remover, remover.whole)])
 
 
 def _tiers_of(remover: Remover | None, pruned: Pruned) -> Tiers:

@@ -127,7 +127,11 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
     from .refinement import chosen
 
-    scene = prepared(request, told)
+    whole = scene = prepared(request, told)
+    if request.mode == LIST:
+        from ..sparse.pictures import for_network
+
+        scene = for_network(whole)
     way = _way(request, scene, tools)
     request, refinement = chosen(request, scene, way, told)
     is_compared = bool(refinement) and request.like is None
@@ -144,7 +148,7 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
         if not left:
             refinement = None
             break
-        scene, photos = scene.views(left), len(left)
+        scene, whole, photos = scene.views(left), whole.views(left), len(left)
         way = _way(request, scene, tools)
         told.plan(from_network(way, request, photos, refinement, is_compared=looks > 1, is_coded=is_coded))
         try:  # again, as what they show has misled the network about their neighbours
@@ -159,15 +163,16 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
 
         with stats.watch.stage("choose"):
             found = contest(gaussians, scene, request, tools, told)
-        told.say("notice", found.text(scene, request.at_most), scene.path)
+        told.say("notice", found.text(scene, request.at_most or 50_000), scene.path)
         request = replace(request, mode=found.winner)
         told.plan(from_gaussians(request, photos, refinement, is_coded=is_coded))
     if request.mode == LIST:
-        from ..sparse.pictures import photos_of
+        from ..refine.photos import targets_of
 
         with stats.watch.stage("train"):
-            gaussians = sparse(gaussians, photos_of(gaussians, scene), refinement, request.at_most, tools, told)
-        return _Made(gaussians, request, scene, doubted, None)
+            photos_whole = targets_of(whole.cameras, whole.frames)
+            gaussians = sparse(gaussians, photos_whole, refinement, request.at_most, tools, told)
+        return _Made(gaussians, request, whole, doubted, None)
     refined = RefineStats() if refinement else None
     if refinement and refined:
         with stats.watch.stage("refine"):
@@ -267,7 +272,8 @@ def _coded(
 ) -> bytes:
     """The file of what a network made of a scene, or where that is asked for, of its photos."""
     if request.mode != PHOTOS:
-        coding = replace(request, qp=LIST_QP) if request.mode == LIST and not request.rates else request
-        return code(gaussians, coding, tools, stats=stats, told=told)
+        is_list = request.mode == LIST
+        coding = replace(request, qp=LIST_QP) if is_list and not request.rates else request
+        return code(gaussians, coding, tools, pruning=Pruning(is_done=is_list), stats=stats, told=told)
     photos = PhotoScene.of(scene, request.model, tools.store)
     return code_photos(gaussians, request, photos, tools, stats=stats)

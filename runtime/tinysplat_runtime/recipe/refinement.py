@@ -37,9 +37,6 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[
         request = replace(request, mode=DEFAULT_MODE)
     if request.mode == LIST and lacks:
         raise InputError('needs numba; pip install "tinysplat[fast]" brings it', where="mode")
-    if request.mode == LIST and few:
-        fault = f"{len(scene.frames)} photos, expected more than {FEW}"
-        raise InputError(f"{fault}; `encode` and then `decode` write those of all their pixels", where=str(scene.path))
     if request.mode in (LIST, EITHER):
         check_memory(scene, way, refined=True)
         return request, request.refine or Refinement()

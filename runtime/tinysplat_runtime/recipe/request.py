@@ -19,7 +19,6 @@ from ..gaussian import OWN_VARIANCE
 from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
 from ..scene import BACKGROUND, MOVING
-from ..sparse import DEFAULT_GAUSSIANS
 from ..system.files import StrPath, read_limited
 from . import words
 from .options import Options, option
@@ -74,8 +73,8 @@ class Noted(Options):
 class Sparse(Options):
     """Of a capture as few Gaussians for every viewer; see `sparse`."""
 
-    at_most: int = option(
-        words.count, DEFAULT_GAUSSIANS, metavar="N", help=f"Gaussians of one list; default {DEFAULT_GAUSSIANS:,}"
+    at_most: int | None = option(
+        words.count, metavar="N", help="Gaussians of one list; default: as many as photos show detail"
     )
 
 
@@ -171,7 +170,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
     masks: str | bool | None
     joint: bool
     mode: str
-    at_most: int
+    at_most: int | None
     poses: StrPath | None
     first_number: int
     focal: float | None
@@ -261,7 +260,7 @@ class EncodeRequest(Noted, Coding, Sparse):
             raise InputError(only, where="refine")
         if self.refine is not None and not self.refine and is_listed:
             raise InputError("no steps, of which few Gaussians that show all photos need some", where="refine")
-        if not is_listed and self.at_most != DEFAULT_GAUSSIANS:
+        if not is_listed and self.at_most is not None:
             raise InputError(f"with --mode {self.mode}, whose files have all of them; expected {LIST}", where="at_most")
 
 
@@ -318,7 +317,7 @@ class ExportKeywords(NoteKeywords, total=False):
     prune: float | str | None
     keep_all: bool
     fuse: Refinement | int | str | None
-    at_most: int
+    at_most: int | None
     dilate: float | None
     points: bool
     sh_bits: Sequence[int] | str

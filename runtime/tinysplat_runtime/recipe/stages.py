@@ -112,7 +112,12 @@ def refine(
 
 
 def sparse(
-    gaussians: Gaussians, targets: Sequence[Target], budget: Refinement | None, count: int, tools: Tools, told: Told
+    gaussians: Gaussians,
+    targets: Sequence[Target],
+    budget: Refinement | None,
+    count: int | None,
+    tools: Tools,
+    told: Told,
 ) -> Gaussians:
     """A list of at most so many Gaussians that shows pictures of a capture; see `sparse.train.trained`."""
     with fast_for("at_most"):
@@ -132,10 +137,12 @@ class Pruning:
     Attributes:
         keep_all: all that show at all are kept, in place of those alone that are worth their bytes.
         seconds: after which no more is looked for that could go.
+        is_done: training has left out what photos hardly need: what is left is only ranked, for prefixes of the file.
     """
 
     keep_all: bool = False
     seconds: float = math.inf
+    is_done: bool = False
 
 
 def code(
@@ -205,6 +212,10 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
 
     if pruning.keep_all:
         return encoder(job, views)
+    if pruning.is_done:
+        from ..prune.tiers import ranked
+
+        return encoder(job, views, ranked(job.gaussians, views, Crew(job.threads).map))
     try:
         from ..prune.encoder import PruningEncoder
     except ImportError as error:

@@ -79,10 +79,10 @@ def sizes_of(gaussians: Gaussians, scene: Scene, closer: bool = True) -> list[li
         InputError: a photo that cannot be read.
     """
     height, width = gaussians.cameras[0].height, gaussians.cameras[0].width
-    sizes = [_targets(gaussians.cameras, scene.frames)]
+    sizes = [targets_of(gaussians.cameras, scene.frames)]
     if closer and all(_is_as_large(frame, CLOSER * height, CLOSER * width) for frame in scene.frames):
         larger = [frame.resized(CLOSER * height, CLOSER * width) for frame in scene.frames]
-        sizes.append(_targets([frame.camera for frame in larger], larger))
+        sizes.append(targets_of([frame.camera for frame in larger], larger))
     return sizes
 
 
@@ -94,8 +94,16 @@ def in_parts(photo: NDArray, first: int) -> NDArray:
     return np.where(is_judged[..., None], photo, np.float32(np.nan))
 
 
-def _targets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:
-    """Photos of one size, and where nothing is in them, of a capture on disk."""
+def targets_of(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Target]:
+    """Photos of one size, and where nothing is in them, of a capture on disk.
+
+    Args:
+        cameras: of the photos, of one size.
+        frames: which they are, of that size.
+
+    Raises:
+        InputError: a photo that cannot be read.
+    """
     photos = disk.zeros((len(cameras), cameras[0].height, cameras[0].width, 3))
     shares = disk.zeros(photos.shape[:3]) if any(frame.is_on_background for frame in frames) else None
     targets = []

@@ -15,6 +15,20 @@ COVERED = 0.9
 """Pixels of a drawn picture that are less opaque say nothing."""
 
 
+NETWORK_SIDE, MOST_SIDE = 256, 320
+"""Pixels of the shorter side of copies that a network makes a list's first Gaussians of, and how many photos have that
+are not made smaller: of about the size that it was trained at, it finds most, and a list needs few of their pixels."""
+
+
+def for_network(scene: Scene) -> Scene:
+    """A scene's photos at the size that a network makes a list's first Gaussians of."""
+    camera = scene.cameras[0]
+    share = NETWORK_SIDE / min(camera.height, camera.width)
+    if min(camera.height, camera.width) <= MOST_SIDE:
+        return scene
+    return scene.resized(round(share * camera.height), round(share * camera.width))
+
+
 def photos_of(capture: Gaussians, scene: Scene) -> list[Target]:
     """The photos that the views of per-pixel Gaussians were taken as, of their size; errors as `photos.matched`."""
     return sizes_of(capture, matched(capture, scene), closer=False)[0]

@@ -18,8 +18,10 @@ class Settings:
         pace: how far a step goes.
         functions: SH functions of every Gaussian: 1, 4 or 9.
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
-        exposure: what a photo's gain has to surpass, of its logarithm, to count as its own.
+        exposure: least |log gain| of a photo's colour that is believed.
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
+        seen: share of a full-size photo's tiles that a step looks at, drawn anew in each.
+        detail: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.
@@ -31,6 +33,9 @@ class Settings:
             as far as Adam moves on the mean what one of them alone asks for. So what no photo needs goes, as does most
             of what a single one is fitted by.
         faded: Gaussians of less opacity go.
+        worth: squared error that a Gaussian has to save the photos, over the mean that is left of it by Gaussian; once
+            none are added any more, those that save less go at every look.
+        spared: share of the Gaussians that goes at a look, at most, so that the others can make up for it.
     """
 
     pace: Pace = PACE
@@ -39,6 +44,8 @@ class Settings:
     exposure: float = 0.05
     quarter: float = 0.1
     half: float = 0.3
+    seen: float = 0.5
+    detail: float = 0.6
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10
@@ -49,6 +56,8 @@ class Settings:
     added_opacity: float = 0.5
     fade: float = 0.05
     faded: float = 0.02
+    worth: float = 0.1
+    spared: float = 0.25
 
     def smaller(self, way: float) -> int:
         """How many times smaller photos are at a share of the way."""
@@ -60,7 +69,7 @@ class Budget:
     """How much training may make and take; None for what is usual.
 
     Attributes:
-        gaussians: how many there may be.
+        gaussians: how many there may be at most; fewer are made where photos show less detail.
         steps: of so many photos. The same number gives the same result on any number of threads, unless seconds end
             them.
         seconds: fewer steps are planned as soon as it shows that they do not suffice.

@@ -7,6 +7,7 @@ many where it has texture. `gaussian/thin.py` says which of several photos shows
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
 from ..gaussian.thin import opacities_kept
+from . import LEAST_GAUSSIANS, MOST_GAUSSIANS
 from .settings import Settings
 
 COARSE_SIZE = 1.7
@@ -25,30 +27,50 @@ LARGEST = 8.0
 _ROUNDS = 20
 
 
-def first(
-    capture: Gaussians, photos: Sequence[NDArray], count: int, settings: Settings, run_jobs: Callable
-) -> Gaussians:
-    """Gaussians (about `count`,) drawn from a capture's pixels, the more the more texture there is.
+@dataclass(frozen=True)
+class Surface:
+    """What of a capture's pixels may become Gaussians, and how much they show.
 
-    Args:
+    Attributes:
         capture: per pixel, with cameras.
-        photos: by view, (H, W, 3) float32 of the capture's size, or any other of the same shape.
-        count: how many.
-        settings: which are drawn, and how they begin.
-        run_jobs: maps a function over a list, on any number of threads.
+        weights: by layer, (V, H, W) float32, in proportion to which pixels are drawn.
+        needed: how many Gaussians show it.
+        texture: mean root of its contrast.
     """
-    rng, kept = np.random.default_rng(0), opacities_kept(capture, run_jobs, shown=1)
-    contrasts = np.stack([_contrast(_of_size(photo, *kept[0].shape[1:])) for photo in photos])
-    weights = [np.maximum(kept[0], 0) * (1 + settings.texture * contrasts)]
-    weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
-    if not any(weight.any() for weight in weights):
-        weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
-    odds = _odds(weights, count)
-    chosen, parts = _drawn(odds, count, rng), list[Gaussians]()
-    for number, layer in enumerate(capture.layers):
-        sizes = (settings.larger / np.sqrt(odds[0][chosen[0]])).clip(1, LARGEST) if number == 0 else COARSE_SIZE
-        parts.append(_taken(layer, chosen[number], sizes, settings.opacity, settings.functions))
-    return parts[0].changed(**joined(parts))
+
+    capture: Gaussians
+    weights: list[NDArray]
+    needed: int
+    texture: float
+
+    @classmethod
+    def of(cls, capture: Gaussians, photos: Sequence[NDArray], settings: Settings, run_jobs: Callable) -> Surface:
+        """Look at a capture's photos, by view (H, W, 3) float32 of any size of the capture's shape.
+
+        Every surface counts once, in the view that shows it finest, and by the root of its contrast there: an edge
+        needs Gaussians along it, and what lies beside it few. `run_jobs` maps a function over a list, on any threads.
+        """
+        kept = opacities_kept(capture, run_jobs, shown=1)
+        shape, finer = kept[0].shape[1:], photos[0][..., 0].size / kept[0][0].size
+        contrasts = np.stack([_of_size(_contrast(photo)[..., None], *shape)[..., 0] for photo in photos])
+        weights = [np.maximum(kept[0], 0) * (1 + settings.texture * contrasts)]
+        weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
+        if not any(weight.any() for weight in weights):
+            weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
+        roots = np.sqrt(contrasts[weights[0] > 0])
+        needed = settings.detail * finer * float(roots.sum(dtype=np.float64))
+        needed = round(min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS))
+        return cls(capture, weights, needed, float(roots.mean()))
+
+    def first(self, count: int, settings: Settings) -> Gaussians:
+        """Gaussians (about `count`,) drawn from it, the more the more texture there is."""
+        rng = np.random.default_rng(0)
+        odds = _odds(self.weights, count)
+        chosen, parts = _drawn(odds, count, rng), list[Gaussians]()
+        for number, layer in enumerate(self.capture.layers):
+            sizes = (settings.larger / np.sqrt(odds[0][chosen[0]])).clip(1, LARGEST) if number == 0 else COARSE_SIZE
+            parts.append(_taken(layer, chosen[number], sizes, settings.opacity, settings.functions))
+        return parts[0].changed(**joined(parts))
 
 
 def further(

@@ -1,8 +1,9 @@
 """A sparse scene: Gaussians of a capture's pixels, a few for all photos, corrected until they show these.
 
 Every step draws a photo as 3DGS defines, takes the gradient of what it lacks, and moves, turns, scales, fades and
-colours all Gaussians by Adam. Photos are small at first. Now and then Gaussians that show nothing go, and pixels where
-photos still lack something give new ones. Photos may differ in exposure: each has a gain.
+colours all Gaussians by Adam. Photos are small at first; of full-size ones a step looks at some tiles. Now and then
+Gaussians that show nothing go, and pixels where photos still lack something give new ones; later those go that photos
+hardly need, while the others can still make up for them. Photos may differ in exposure: each has a gain per colour.
 Needs numba (`tinysplat[fast]`).
 """
 
@@ -18,20 +19,27 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.gaussians import Gaussians, joined
+from ..prune.kernels import COST
+from ..prune.pictures import Pictures
 from ..refine.coarse import halved_target
 from ..refine.descent import Descent, units
 from ..refine.exposed import log_gain
 from ..refine.free import FreeGaussians
 from ..render import DEFINITION, Renderer
 from ..render.gradient import Target
+from ..render.kernels_list import TILE_HEIGHT, TILE_WIDTH
+from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
-from . import DEFAULT_GAUSSIANS, DEFAULT_SECONDS, start, usual_steps
+from . import DEFAULT_SECONDS, start, usual_steps
 from .settings import Budget, Settings
 
-COSTS = {4: 1.0, 2: 1.5, 1: 3.0}
+COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
+
+KEPT, BYTES_EACH = 0.42, 11.0
+"""Share of the Gaussians that is left at the end, and bytes that a file takes for each, about."""
 
 
 @dataclass
@@ -39,25 +47,34 @@ class TrainStats:
     """What was done.
 
     Attributes:
-        given, kept: Gaussians of the capture, and at the end.
+        given, asked, kept: Gaussians of the capture, how many there may be for its detail, and at the end.
         steps, planned: how many were taken, and how many there would have been with more seconds.
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
         psnr: dB of each photo at the end, as it was exposed.
-        gains: of the photos.
+        gains: red, green and blue of each photo.
     """
 
     given: int = 0
+    asked: int = 0
     kept: int = 0
     steps: int = 0
     planned: int = 0
     rounds: list[list[float]] = field(default_factory=list)
     psnr: tuple[float, ...] = ()
-    gains: tuple[float, ...] = ()
+    gains: tuple[tuple[float, ...], ...] = ()
 
     def note(self) -> str:
         """How things stand, in few words."""
         seen = next((one for one in reversed(self.rounds) if one), None)
         return f"photos {np.nanmean(seen):.2f} dB" if seen else ""
+
+    @property
+    def plan(self) -> str:
+        """What is likely to come of it, in a line."""
+        kept = self.asked * KEPT
+        return (
+            f"up to {self.asked:,} Gaussians for what the photos show, about {kept * BYTES_EACH / 1000:.0f} KB of them"
+        )
 
     @property
     def is_cut_short(self) -> bool:
@@ -103,10 +120,10 @@ def trained(
         found = f"{len(capture.cameras)} views and {len(targets)} photos, expected per-pixel Gaussians of two or more"
         raise InputError(f"{found} and as many photos", where="capture")
     budget = budget or Budget()
-    clock = _Clock.of(budget, len(targets))
-    stats = stats if stats is not None else TrainStats()
-    settings = settings or Settings()
-    training = _Training(capture, targets, budget.gaussians or DEFAULT_GAUSSIANS, threads, settings, stats)
+    begun, stats, settings = time.perf_counter(), TrainStats() if stats is None else stats, settings or Settings()
+    training = _Training(capture, targets, budget.gaussians, threads, settings, stats)
+    told.say("notice", stats.plan)
+    clock = _Clock(budget.steps or training.usual_steps, budget.seconds or DEFAULT_SECONDS, begun)
     costs = [COSTS[settings.smaller(step / clock.steps)] for step in range(clock.steps)]
     for _ in told.progress("training", training.advance(clock), stats.note, clock.steps, costs):
         pass
@@ -121,10 +138,6 @@ class _Clock:
     seconds: float
     begun: float
 
-    @classmethod
-    def of(cls, budget: Budget, photos: int) -> _Clock:
-        return cls(budget.steps or usual_steps(photos), budget.seconds or DEFAULT_SECONDS, time.perf_counter())
-
     def left(self, done: int) -> int:
         """How many steps there will have been, if seconds go on passing as they did."""
         taken = time.perf_counter() - self.begun
@@ -132,26 +145,32 @@ class _Clock:
 
 
 class _Training:
-    """Gaussians on their way, and the photos that they are to show."""
+    """Gaussians on their way, and the photos that they are to show.
+
+    Attributes:
+        usual_steps: how many are usual for these photos.
+    """
 
     def __init__(
         self,
         capture: Gaussians,
         targets: Sequence[Target],
-        count: int,
+        most: int | None,
         threads: int | None,
         settings: Settings,
         stats: TrainStats,
     ) -> None:
-        self._capture, self._count, self._settings, self._stats = capture, count, settings, stats
+        self._capture, self._settings, self._stats = capture, settings, stats
         self._threads, self._run = threads, Crew(threads or available_cores()).map
         halves = [halved_target(target) for target in targets]
         quarters = [halved_target(half) for half in halves]
         self._sizes = {4: quarters, 2: halves, 1: list(targets)}
-        self._gains = np.ones(len(targets))
+        self._gains = np.ones((len(targets), 3))
         self._rng = np.random.default_rng(0)
-        photos, least = [target.photo for target in targets], max(1, round(settings.start * count))
-        begun = start.first(capture, photos, least, settings, self._run)
+        surface = start.Surface.of(capture, [target.photo for target in targets], settings, self._run)
+        self._count = stats.asked = min(surface.needed, most or surface.needed)
+        self.usual_steps = usual_steps(len(targets), surface.texture)
+        begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
         stats.given = capture.count
@@ -179,8 +198,8 @@ class _Training:
         gaussians, stats = self._descent.field.gaussians(), self._stats
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
         stats.kept, stats.psnr = gaussians.count, tuple(error.psnr for error in errors)
-        stats.gains = tuple(self._gains.tolist())
-        return replace(gaussians, viewpoints=self._capture.cameras)
+        stats.gains = tuple(map(tuple, self._gains.tolist()))
+        return replace(gaussians, viewpoints=tuple(self._cameras))
 
     def _step(self, view: int, way: float) -> float:
         """Towards a photo, at a share of the way; its dB before."""
@@ -189,16 +208,25 @@ class _Training:
         # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it,
         # and would else fade
         target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
-        return self._descent.step(target, way, weight=smaller * smaller, structure=settings.structure).psnr
+        seen = settings.seen if smaller == 1 else 1.0
+        weight = smaller * smaller / seen
+        if seen < 1:
+            target = replace(target, photo=_some_tiles(target.photo, seen, self._rng))
+        return self._descent.step(target, way, weight=weight, structure=settings.structure).psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
-        return replace(self._sizes[smaller][view], gain=float(self._gains[view]))
+        """A photo as it would be with the scene's exposure."""
+        target = self._sizes[smaller][view]
+        if (self._gains[view] == 1).all():
+            return target
+        return replace(target, photo=target.photo / self._gains[view].astype(np.float32))
 
     def _look(self, way: float) -> None:
         """Drop what shows nothing; see how photos were exposed, and add what is wanting."""
         self._drop()
         settings, field = self._settings, self._descent.field
         if way > settings.grown + 1e-9:
+            self._spare()
             return
         gaussians = field.gaussians()
         wrong = self._seen(gaussians)
@@ -216,16 +244,27 @@ class _Training:
             By view, (H, W) |error|, smoothed; 0 where a photo knows nothing.
         """
         draw = Renderer(gaussians, self._threads, **DEFINITION).render
-        logs, wrong = list[float](), list[NDArray]()
-        for view in range(len(self._gains)):
-            target = self._exposed(view, 1)
-            picture = draw(target.camera)
-            known = np.isfinite(target.photo)
-            error = np.where(known, np.float32(target.gain) * picture - target.photo, np.float32(0))
-            logs.append(log_gain(picture[known], target.photo[known]))
+        logs, wrong = list[list[float]](), list[NDArray]()
+        for view, target in enumerate(self._sizes[1]):
+            picture, known = draw(target.camera), np.isfinite(target.photo[..., 0])
+            shown, photo = picture[known], target.photo[known]
+            logs.append([log_gain(shown[:, colour], photo[:, colour]) for colour in range(3)])
+            error = np.where(known[..., None], picture - self._exposed(view, 1).photo, np.float32(0))
             wrong.append(start.smoothed(np.abs(error).sum(axis=-1)))
         self._gains = _gains(np.array(logs), self._settings.exposure)
         return wrong
+
+    def _spare(self) -> None:
+        """Drop what photos hardly need; drawn at half their size, which tells it as well."""
+        gaussians, settings = self._descent.field.gaussians(), self._settings
+        shown = gaussians.opacities >= ALPHA_MIN
+        pictures = Pictures([target.camera for target in self._sizes[2]], self._run)
+        costs = np.zeros(gaussians.count)
+        for sums in pictures.measure(gaussians.taken(shown), range(len(pictures.cameras))):
+            costs[shown] += sums[:, COST]
+        lacking = 10 ** (-np.nanmean(np.concatenate(self._stats.rounds[-2:])) / 10) * pictures.values
+        keep = costs >= min(settings.worth * lacking / gaussians.count, np.quantile(costs, settings.spared))
+        self._descent.keep(keep)
 
     def _drop(self) -> None:
         keep = self._descent.field.opacities >= self._settings.faded
@@ -241,11 +280,22 @@ class _Training:
 
 
 def _gains(logs: NDArray, certain: float) -> NDArray:
-    """(V,) gains of photos by the logarithms of what was measured, their median 1: one that is exposed otherwise makes
-    the scene neither darker nor brighter.
+    """(V, 3) gains of photos by the logarithms of what was measured, the median of each colour 1: one that is exposed
+    otherwise makes the scene neither darker nor brighter.
 
     Photos that nobody has seen have gains of their own, near 1. So only what surpasses `certain` is taken from a photo;
     the rest stays in the scene.
     """
-    apart = logs - np.median(logs)
+    apart = logs - np.median(logs, axis=0)
     return np.exp(np.sign(apart) * np.maximum(np.abs(apart) - certain, 0))
+
+
+def _some_tiles(photo: NDArray, share: float, rng: np.random.Generator) -> NDArray:
+    """A photo (H, W, 3), NaN but for a share of the tiles that it is drawn in, one at least."""
+    height, width = photo.shape[:2]
+    rows, columns = -(-height // TILE_HEIGHT), -(-width // TILE_WIDTH)
+    left_out = rng.permutation(rows * columns)[max(round(share * rows * columns), 1) :]
+    found = photo.copy()
+    for row, column in zip(*np.divmod(left_out, columns), strict=True):
+        found[row * TILE_HEIGHT :, column * TILE_WIDTH :][:TILE_HEIGHT, :TILE_WIDTH] = np.nan
+    return found

@@ -34,7 +34,6 @@ from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
-from tinysplat_runtime.sparse import DEFAULT_GAUSSIANS
 from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
@@ -105,7 +104,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             from tinysplat_runtime.sparse.pictures import photos_of
 
             sought = photos_of(gaussians, given)
-            listed, more = cpu_of(lambda: sparse(gaussians, sought, None, DEFAULT_GAUSSIANS, runtime, NOBODY))
+            listed, more = cpu_of(lambda: sparse(gaussians, sought, None, None, runtime, NOBODY))
             steps.append((LISTED, listed, cpu + more))
         if has_steps:
             refined, more = cpu_of(lambda: runtime.refine(gaussians, given))

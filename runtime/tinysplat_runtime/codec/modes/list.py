@@ -14,6 +14,7 @@ from .mode import Mode
 
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ..list.encoder import ListEncoder
+    from ..list.levels import Tiers
     from ..list.views import Views
 
 
@@ -22,12 +23,12 @@ def encode(job: Job) -> bytes:
     return encoder(job).code(job.qp)
 
 
-def encoder(job: Job, views: Views | None = None) -> ListEncoder:
-    """What codes the job's Gaussians at any Q_g; views as for `ListEncoder`."""
+def encoder(job: Job, views: Views | None = None, tiers: Tiers | None = None) -> ListEncoder:
+    """What codes the job's Gaussians at any Q_g; views and tiers as for `ListEncoder`."""
     from ..list.encoder import ListEncoder
 
     job.told.say("step", "coding")
-    return ListEncoder(job, views=views)
+    return ListEncoder(job, views=views, tiers=tiers)
 
 
 def decode(file: OpenFile, body: List) -> Gaussians:
