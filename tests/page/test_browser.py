@@ -219,8 +219,7 @@ def test_what_moves_by_itself_is_linked_to_as_it_shows_and_compared_at_a_photo_s
     assert tab.evaluate("[photo.hidden, page.isSwinging]") == [False, False]
     tab.send("Input.dispatchKeyEvent", type="keyUp", **key)
     assert tab.evaluate("photo.hidden")
-    tab.wait("!page.flight && !page.wanted")
-    assert tab.evaluate("page.nearest()[0] === page.current")
+    tab.wait("!page.flight && !page.wanted && page.nearest()[0] === page.current")
     tab.close()
 
 
