@@ -100,9 +100,9 @@ def barred(own: NDArray) -> NDArray:
 
 
 def bannered(own: NDArray) -> NDArray:
-    """A photo with squares along its bottom."""
-    squares = np.kron(np.random.default_rng(0).integers(0, 2, (2, 16)), np.ones((12, 12)))
-    return np.concatenate([own[:-24], np.repeat(squares[..., None], 3, axis=2)])
+    """A photo with squares of many greys along its bottom."""
+    squares = np.kron(np.random.default_rng(0).random((4, 24)), np.ones((8, 8)))
+    return np.concatenate([own[:-32], np.repeat(squares[..., None], 3, axis=2)])
 
 
 def rolled(degrees: float) -> NDArray:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scene.matches import MOVED, NOISE
+from ...scene.matches import staying
 from .seen import Seen
 
 BLACK = 10 / 255
@@ -15,9 +13,6 @@ BLACK = 10 / 255
 
 NARROWEST = 0.03
 """Of a photo's height or width, that a bar on either side takes at least."""
-
-STUCK = 5
-"""Corners that stay at one place in most pairs are on the lens, or on the photos; of right ones at most one does."""
 
 
 def useless(seen: Seen) -> list[str]:
@@ -63,23 +58,12 @@ def bars_of(image: NDArray) -> str:
 
 
 def stuck(seen: Seen) -> list[str]:
-    """Corners that stay at their place in the picture while all others move: a banner, a date, dirt, a frame.
-
-    Near the axis of a turntable some stay, too, but others in each pair.
-    """
-    pairs, still_in = 0, Counter[tuple[int, int]]()
-    for matches in seen.places.values():
-        moved = np.linalg.norm(matches[:, 3:5] - matches[:, :2], axis=1)
-        still = moved < NOISE
-        if still.all() or np.median(moved[~still]) < MOVED:
-            continue
-        pairs += 1
-        still_in.update({(x, y) for x, y in np.rint(matches[still, :2] / MOVED).astype(int).tolist()})
-    places = [place for place, count in still_in.items() if count > max(1, pairs / 2)]
-    if len(seen.closer) < 3 or len(places) < STUCK:
+    """Corners that stay at their place in the picture while all others move: a banner, a date, dirt, a frame."""
+    places = staying(list(seen.places.values()))
+    if len(seen.closer) < 3 or not len(places):
         return []
     camera = next(iter(seen.closer.values()))
-    x, y = np.median(places, axis=0) * MOVED / (camera.width, camera.height)
+    x, y = np.median(places, axis=0) / (camera.width, camera.height)
     where = f"{_third(x, 'left', 'right')}, {_third(y, 'top', 'bottom')}"
     fault = f"photos show something at one place of the picture ({where}) while all else moves"
     return [f"{fault}: a banner, a date, a frame or dirt; crop it off or mask it"]
