@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from poses.walls import textured, write_photos_of_walls
 
 from tinysplat.poses.copies import copies
-from tinysplat.poses.judging import Placement, contradicted
+from tinysplat.poses.judging import Placement, contradicted, uncertainty
 from tinysplat.poses.model import coloured_points
 from tinysplat.poses.pairs import pairs_of_many, shared_features
 from tinysplat.poses.placing import MASKS, place
@@ -79,6 +79,14 @@ def test_places_of_a_camera_that_hardly_moved_are_uncertain(tmp_path: Path) -> N
     write_photos_of_walls(tmp_path / "photos", 4, spacing=0.005)
     (tmp_path / "work").mkdir()
     assert place(tmp_path / "photos", [f"{i}.png" for i in range(4)], tmp_path / "work", 1).uncertain
+
+
+def test_places_of_which_one_is_fixed_by_nothing_are_uncertain(placed: tuple[NDArray, list[Placement], Path]) -> None:
+    model = pycolmap.Reconstruction(placed[1][0].model)
+    image = next(image for image in model.images.values() if image.name == "3.png")
+    for index in [i for i, point in enumerate(image.points2D) if point.has_point3D()]:
+        model.delete_observation(image.image_id, index)
+    assert set(uncertainty(model).values()) == {np.inf}
 
 
 def test_copies_are_found_by_their_bytes(tmp_path: Path) -> None:

@@ -160,6 +160,8 @@ def uncertainty(model: Any) -> dict[str, float]:
     for i, one in enumerate(images):
         for j, other in enumerate(images[: i + 1]):
             block = covariance.get_cam_cross_cov_from_world(one.image_id, other.image_id)
+            if block is None:  # nothing fixes one of them
+                return {image.name: math.inf for image in images}
             spread[i, :, j] = moves[i] @ block @ moves[j].T
             spread[j, :, i] = spread[i, :, j].T
     away = centres - centres.mean(axis=0)
