@@ -34,7 +34,8 @@ REQUESTS = {"encode": EncodeRequest, "compress": CompressRequest, "convert": Exp
         ({"target_psnr": 120}, "target_psnr: "),
         ({"target_psnr": 40, "qp": 0}, "target_psnr: "),
         ({"target_psnr": 40, "mode": "photos"}, "mode: "),
-        ({"lossless": True, "profile": "fast"}, "profile: "),
+        ({"lossless": True, "profile": "fast"}, "lossless: "),
+        ({"focal": 70}, "focal: "),
         ({"views": [0, "b"]}, "views: "),
         ({"views": "auto:1"}, "views: "),
         ({"size": [0, 4]}, "size: "),
@@ -64,6 +65,8 @@ def test_what_cannot_be_used_is_named_with_what_can(options, said: str) -> None:
         ({"trim_border": 0}, "trim_border: 0"),
         ({"spz_version": 5}, "spz_version: 5, 2, 3, 4"),
         ({"unit": "a\nb"}, "unit: "),
+        ({"at_most": 99}, "at_most: "),
+        ({"scale": 1e30}, "scale: 1e+30"),
     ],
     ids=str,
 )

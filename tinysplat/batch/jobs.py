@@ -24,7 +24,7 @@ from tinysplat_runtime.recipe import words
 from tinysplat_runtime.recipe.encode import encode as encode_photos
 from tinysplat_runtime.recipe.options import Options, option
 from tinysplat_runtime.recipe.report import encode_report
-from tinysplat_runtime.recipe.request import RATE, EncodeRequest, rates_of
+from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.system.files import is_plain_name
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.told import Told
@@ -205,9 +205,9 @@ def _asked(name: str, scene: str, entry: JsonObject, defaults: JsonObject, folde
     if entry.get("auto"):
         entry["views"] = f"auto:{entry['auto']}"
     entry = {name: None if value == "" else value for name, value in entry.items() if name != "auto"}
-    rate = rates_of(entry)
-    dropped = {*(RATE if rate else ()), *(("profile",) if {"lossless", "like"} & set(rate) else ())}
-    values = {**{name: value for name, value in defaults.items() if name not in dropped}, **entry}
+    said = [one for one in entry if one in EncodeRequest.options() and entry[one] not in (None, False)]
+    contradicted = {one for one in EncodeRequest.options() for other in said if EncodeRequest.contradict(one, other)}
+    values = {**{name: value for name, value in defaults.items() if name not in contradicted}, **entry}
     keep = Keep(**{one: values.pop(one) for one in Keep.options() if one in values})
     return BatchJob(name, EncodeRequest(scene, **values), join(folder, name + SUFFIX), keep)
 

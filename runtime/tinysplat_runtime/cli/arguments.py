@@ -12,6 +12,14 @@ from typing import Any
 from ..errors import InputError
 
 
+class Input(str):
+    """Name of a file or folder that a command reads."""
+
+
+class Output(str):
+    """Name of a file, or of a folder, that a command writes."""
+
+
 def _word(name: str) -> Callable[[str], Any]:
     """What options are made of, as argparse takes it: a function of `recipe.words`, loaded for the first word."""
 

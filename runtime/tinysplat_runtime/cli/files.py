@@ -143,6 +143,11 @@ def named(options: Iterable[str]) -> Iterator[None]:
     except InputError as error:
         outer, _, name = (error.where or "").rpartition(": ")
         if name in options:
-            message, option = re.sub("^given with(out)? ", r"\g<0>--", error.message), f"--{name.replace('_', '-')}"
+            message = re.sub(r"^(given with(?:out)?) (\w+)", lambda one: f"{one[1]} {_option(one[2])}", error.message)
+            option = _option(name)
             raise InputError(message, where=f"{outer}: {option}" if outer else option) from None
         raise
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

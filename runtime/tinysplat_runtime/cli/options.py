@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from .arguments import count
+from .arguments import Input, Output, count
 
 if TYPE_CHECKING:
     from ..recipe.options import Option, Options
@@ -29,13 +29,21 @@ def add_options(
 
 def add_option(container: Container, name: str, option: Option) -> None:
     """Add an option, and `--no-…` where it can be off."""
+    from ..recipe import words
+
     word = name.replace("_", "-")
     if not option.metavar and option.off is None:
         container.add_argument(f"--{word}", action="store_true", help=option.help)
         return
     about: dict[str, Any] = {"choices": [str(choice) for choice in option.choices]} if option.choices else {}
+    if option.kind in (words.path, words.file, words.scene, words.cameras):
+        about["type"] = Input
+    elif option.kind is words.written:
+        about["type"] = Output
     if option.usual is not None:
         about |= {"nargs": "?", "const": True}
+    if option.metavar and option.off is not None:
+        container = container.add_mutually_exclusive_group()
     if option.metavar:
         container.add_argument(f"--{word}", metavar=option.metavar, help=option.help, **about)
     if option.off is not None:

@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeAlias
 
 from .. import __version__
 from ..errors import InputError
-from .arguments import byte_count, colour, count, grid, port, positive, size
+from .arguments import Input, Output, byte_count, colour, count, grid, port, positive, size
 from .options import Container, add_options, add_provider, add_threads
 
 _COLOUR = "where nothing is: white, black or #rrggbb"
@@ -113,14 +113,16 @@ def _encode(commands: Commands) -> None:
     parser = commands.add_parser(
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
     )
-    parser.add_argument("scene", metavar="SCENE", nargs="+", help="photos with cameras; two stereo photos; video")
     parser.add_argument(
-        "-o", "--output", required=True, metavar="F.tsplat", help=".spz, .ply …: one list for any viewer"
+        "scene", type=Input, metavar="SCENE", nargs="+", help="photos with cameras; two stereo photos; video"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Output, required=True, metavar="F.tsplat", help=".spz, .ply …: one list for any viewer"
     )
     _written(parser)
     _quiet(parser)
     more = add_options(parser, EncodeRequest)[VIDEO]
-    more.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    more.add_argument("--report", type=Output, metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     add_provider(more)
     add_threads(more)
 
@@ -133,11 +135,11 @@ def _compress(commands: Commands) -> None:
         help="Gaussians of any network, or of a trained scene, to a .tsplat file",
         usage="%(prog)s G -o F.tsplat [options]",
     )
-    parser.add_argument("gaussians", metavar="G", help=f".tsplat, {_GAUSSIAN_FILES}; - for standard input")
-    parser.add_argument("-o", "--output", required=True, metavar="F.tsplat", help="- for standard output")
+    parser.add_argument("gaussians", type=Input, metavar="G", help=f".tsplat, {_GAUSSIAN_FILES}; - for standard input")
+    parser.add_argument("-o", "--output", type=Output, required=True, metavar="F.tsplat", help="- for standard output")
     _written(parser)
     _quiet(parser)
-    parser.add_argument("--report", metavar="R.json", help="bytes, seconds, memory and errors as JSON")
+    parser.add_argument("--report", type=Output, metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     parser.add_argument("--grid", type=grid, metavar="V,H,W", help="the list is of pixels of V views of HxW")
     add_options(parser, CompressRequest)
     _reading(parser)
@@ -149,11 +151,11 @@ def _decode(commands: Commands) -> None:
     parser = commands.add_parser(
         "decode", help="a .tsplat file back to Gaussians", usage="%(prog)s F.tsplat -o G [options]"
     )
-    parser.add_argument("file", metavar="F.tsplat", help="- for standard input")
-    parser.add_argument("-o", "--output", required=True, metavar="G", help=_GAUSSIAN_FILES)
+    parser.add_argument("file", type=Input, metavar="F.tsplat", help="- for standard input")
+    parser.add_argument("-o", "--output", type=Output, required=True, metavar="G", help=_GAUSSIAN_FILES)
     _written(parser)
     _quiet(parser)
-    parser.add_argument("--report", metavar="R.json", help="bytes, seconds and memory as JSON")
+    parser.add_argument("--report", type=Output, metavar="R.json", help="bytes, seconds and memory as JSON")
     add_options(parser, ExportRequest, without=OF_CONVERT)
     _reading(parser)
 
@@ -162,11 +164,11 @@ def _render(commands: Commands) -> None:
     parser = commands.add_parser(
         "render", help="a picture or a video of Gaussians", usage="%(prog)s F -o OUT [options]"
     )
-    parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=".png or .mp4")
+    parser.add_argument("file", type=Input, metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
+    parser.add_argument("-o", "--output", type=Output, required=True, metavar="OUT", help=".png or .mp4")
     _written(parser)
     _quiet(parser)
-    parser.add_argument("--camera", metavar="INDEX", help="a view of the file, or cameras.json:INDEX; 0")
+    parser.add_argument("--camera", type=Input, metavar="INDEX", help="a view of the file, or cameras.json:INDEX; 0")
     parser.add_argument("--path", choices=("between", "orbit"), help="of a video; default between")
     parser.add_argument("--frames", type=count, metavar="N", help="of a video; 60, of a capture 8 a view")
     parser.add_argument("--size", type=size, metavar="WxH", help="of pictures; default: the camera's")
@@ -181,7 +183,7 @@ def _render(commands: Commands) -> None:
     more.add_argument(
         "--order", choices=("near", "depth"), default="near", help="draw near views first, or all by depth; near"
     )
-    more.add_argument("--report", metavar="R.json", help="write seconds and memory as JSON")
+    more.add_argument("--report", type=Output, metavar="R.json", help="write seconds and memory as JSON")
     _reading(parser)
 
 
@@ -193,8 +195,10 @@ def _convert(commands: Commands) -> None:
         help="Gaussian files to other formats, cut, moved or joined",
         usage="%(prog)s IN [IN …] -o OUT [options]",
     )
-    parser.add_argument("files", nargs="+", metavar="IN", help=argparse.SUPPRESS)  # the next line tells what it is
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=f"as IN: .tsplat, {_GAUSSIAN_FILES}")
+    parser.add_argument("files", type=Input, nargs="+", metavar="IN", help=argparse.SUPPRESS)  # usage tells
+    parser.add_argument(
+        "-o", "--output", type=Output, required=True, metavar="OUT", help=f"as IN: .tsplat, {_GAUSSIAN_FILES}"
+    )
     _written(parser)
     _quiet(parser)
     parser.add_argument("--check", action="store_true", help="print bytes and loss in dB of the file")
@@ -204,7 +208,7 @@ def _convert(commands: Commands) -> None:
 
 def _info(commands: Commands) -> None:
     parser = commands.add_parser("info", help="what a file holds")
-    parser.add_argument("file", metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
+    parser.add_argument("file", type=Input, metavar="F", help=f".tsplat, {_GAUSSIAN_FILES}")
     parser.add_argument("--json", action="store_true", help="as JSON")
     _quiet(parser)
     _limits(parser)
@@ -217,8 +221,8 @@ def _view(commands: Commands) -> None:
         description="Serves one page on this machine and opens the browser; with --html writes the page, which opens"
         " anywhere without a network. --player writes a page that opens any .tsplat file.",
     )
-    parser.add_argument("file", metavar="F", nargs="?", help=f".tsplat, {_GAUSSIAN_FILES}")
-    parser.add_argument("--html", metavar="OUT.html", help="write the page in place of serving it")
+    parser.add_argument("file", type=Input, metavar="F", nargs="?", help=f".tsplat, {_GAUSSIAN_FILES}")
+    parser.add_argument("--html", type=Output, metavar="OUT.html", help="write the page in place of serving it")
     parser.add_argument(
         "--files",
         dest="as_files",
@@ -230,8 +234,10 @@ def _view(commands: Commands) -> None:
         action="store_true",
         help="--html writes a page without a scene, which opens files dropped on it, chosen, or named by ?file=URL",
     )
-    parser.add_argument("--photos", metavar="SCENE", help="scene whose photos the page can show beside the render")
-    parser.add_argument("--cameras", metavar="cameras.json", help="views of a file that has none")
+    parser.add_argument(
+        "--photos", type=Input, metavar="SCENE", help="scene whose photos the page can show beside the render"
+    )
+    parser.add_argument("--cameras", type=Input, metavar="cameras.json", help="views of a file that has none")
     parser.add_argument(
         "--background", type=colour, metavar="COLOUR", help=f"{_COLOUR}; default: of the scene's own colours"
     )

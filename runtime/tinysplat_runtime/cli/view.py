@@ -124,7 +124,9 @@ class Content:
         data, views = _file(file, runtime)
         cameras = load_cameras(cameras_file) if cameras_file and not views else []
         photos = {}
-        if photos_of and (views or cameras):
+        if photos_of and not (views or cameras):
+            raise InputError(f"{photos_of}, but {file} has no views; --cameras gives it some", where="--photos")
+        if photos_of:
             photos = _photos(load_scene(photos_of).with_masks(None), views or cameras, told)  # as they were taken
         first = front_view(views or cameras)
         front = (views or cameras)[first] if views or cameras else None

@@ -53,6 +53,7 @@ def exported(
     Raises:
         InputError: an option that does not fit the Gaussians, numba is missing, or nothing is left.
     """
+    request.check_output(path)
     chosen = []
     for name, part in parts:
         try:

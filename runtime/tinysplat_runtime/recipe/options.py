@@ -31,6 +31,9 @@ class Option:
         usual: what the option without a value stands for, in Python True; None where it needs one.
         off: what `--no-…` stands for, in Python False; None where there is no such word.
         off_help: what `--help` says of that.
+        against: names of options that it contradicts.
+        needs: names of options, one of which it takes to mean something.
+        only: the ending of the outputs that it is about; empty for any.
     """
 
     kind: Callable[[object], object]
@@ -41,6 +44,9 @@ class Option:
     usual: object = None
     off: object = None
     off_help: str = ""
+    against: Sequence[str] = ()
+    needs: Sequence[str] = ()
+    only: str = ""
 
     def read(self, name: str, given: object) -> object:
         """The value of what was given; InputError names the option."""
@@ -66,7 +72,7 @@ class Options:
     None stands for the default of any option.
 
     Raises:
-        InputError: names the option: what stands for no value of its kind.
+        InputError: names the option: what stands for no value of its kind, or contradicts another.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
@@ -76,6 +82,27 @@ class Options:
             given, default = getattr(self, name), self.__dataclass_fields__[name].default
             value = default if given is None or given is default else about.read(name, given)
             object.__setattr__(self, name, value)
+        given = list(self.given())
+        for i, name in enumerate(given):
+            for other in given[:i]:
+                if self.contradict(name, other):
+                    raise InputError(f"given with {other}, which contradicts it; expected one of them", where=name)
+            needed = [one for one in self.options()[name].needs if one in self.options()]
+            if getattr(self, name) and needed and not any(getattr(self, one) for one in needed):
+                raise InputError(f"given without {needed[0]}, without which it does nothing", where=name)
+
+    @classmethod
+    def contradict(cls, name: str, other: str) -> bool:
+        """Whether two of its options cannot both be given."""
+        options = cls.options()
+        return other in options[name].against or name in options[other].against
+
+    def check_output(self, path: str) -> None:
+        """InputError where an option is given that says nothing about an output of this name."""
+        for name in self.given():
+            only = self.options()[name].only
+            if only and not path.lower().endswith(only):
+                raise InputError(f"of {only} files, expected none with {path}", where=name)
 
     @classmethod
     def of(cls: type[Asked], *what: Any, **options: Any) -> Asked:

@@ -6,9 +6,9 @@ each class stand the keywords that Python's functions take, with what each may b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 from ..codec.modes import CHOICES, DEFAULT_MODE, EITHER, LIST, PHOTOS
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
@@ -36,11 +36,6 @@ WHICH, HOW = "which Gaussians", "how files are written"
 
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
 """Options that say how fine planes are coded; one of them at most."""
-
-
-def rates_of(options: Mapping[str, Any]) -> list[str]:
-    """Which options of `RATE` are given; 0 is a Q_g, while None and False say nothing."""
-    return [name for name in RATE if options.get(name) is not None and options[name] is not False]
 
 
 class NoteKeywords(TypedDict, total=False):
@@ -74,7 +69,7 @@ class Sparse(Options):
     """Of a capture as few Gaussians for every viewer; see `sparse`."""
 
     at_most: int | None = option(
-        words.count, metavar="N", help="Gaussians of one list; default: as many as photos show detail"
+        words.count, metavar="N", needs=("fuse",), help="Gaussians of one list; default: as many as photos show detail"
     )
 
 
@@ -97,22 +92,29 @@ class Coding(Options):
         metavar="P",
         group=BYTES,
         choices=tuple(PROFILES),
+        against=("lossless", "like"),
         help=f"{', '.join(PROFILES)}; default {DEFAULT_PROFILE}",
     )
-    qp: float | None = option(words.number, metavar="Q", group=BYTES, help="steps coarser by 2^(Q/6); default 0")
+    qp: float | None = option(
+        words.number, metavar="Q", group=BYTES, against=RATE, help="steps coarser by 2^(Q/6); default 0"
+    )
     target_size: int | None = option(
-        words.byte_count, metavar="SIZE", group=BYTES, help="at most 100KB, 1.5MB or so many bytes"
+        words.byte_count, metavar="SIZE", group=BYTES, against=RATE, help="at most 100KB, 1.5MB or so many bytes"
     )
     """The largest file found of at most as many bytes."""
     target_psnr: float | None = option(
-        words.decibels, metavar="DB", group=BYTES, help="smallest file of at least this PSNR"
+        words.decibels, metavar="DB", group=BYTES, against=RATE, help="smallest file of at least this PSNR"
     )
     """The smallest file found that has as many, as the mean over the input views; of a list over its error in eight
     views, beside its photos or about it."""
-    lossless: bool = option(words.flag, False, group=BYTES, help="float16 planes, bit for bit")
+    lossless: bool = option(words.flag, False, group=BYTES, against=RATE, help="float16 planes, bit for bit")
     """`codec.exact` has the guarantee."""
     like: bytes | StrPath | None = option(
-        words.file, metavar="F.tsplat", group=BYTES, help="reuse steps and unchanged pictures of this file"
+        words.file,
+        metavar="F.tsplat",
+        group=BYTES,
+        against=RATE,
+        help="reuse steps and unchanged pictures of this file",
     )
     """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`codec.recode`): a
     decoded scene coded again, edited or not, loses nothing else."""
@@ -125,17 +127,11 @@ class Coding(Options):
             from ..codec.job import check_qp  # and with it numpy, which a default needs no more than a word does
 
             check_qp(self.qp)
-        given = self.rates
-        if len(given) > 1:
-            raise InputError(f"given with {given[0]}, which contradicts it; expected one of them", where=given[1])
-        if self.profile is not None and set(given) & {"lossless", "like"}:
-            fault = f"given with {given[0]}, which leaves it no say; expected one of them"
-            raise InputError(fault, where="profile")
 
     @property
     def rates(self) -> list[str]:
         """The options of `RATE` that are given."""
-        return rates_of(vars(self))
+        return [name for name in self.given() if name in RATE]
 
     @property
     def planes(self) -> Profile:
@@ -227,7 +223,11 @@ class EncodeRequest(Noted, Coding, Sparse):
     )
     """`codec.modes` says what they are."""
     poses: StrPath | None = option(
-        words.path, metavar="POSES", group=VIDEO, help="of a video: .txt, transforms.json, a folder"
+        words.path,
+        metavar="POSES",
+        group=VIDEO,
+        against=("focal", "baseline"),
+        help="of a video: .txt, transforms.json, a folder",
     )
     """A RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model."""
     first_number: int = option(
@@ -242,10 +242,14 @@ class EncodeRequest(Noted, Coding, Sparse):
     near: float | None = option(words.number, metavar="Z", group=VIDEO, help="nearest depth; default: the scene's")
     """Scene units; None for the scene's own, or what photos show."""
     far: float | None = option(words.number, metavar="Z", group=VIDEO, help="farthest depth; default: the scene's")
-    focal: float | None = option(words.number, metavar="PX", group=VIDEO, help="of a stereo pair, in pixels")
-    baseline: float | None = option(words.number, metavar="B", group=VIDEO, help="distance of its cameras")
+    focal: float | None = option(
+        words.number, metavar="PX", group=VIDEO, needs=("baseline",), help="of a stereo pair, in pixels"
+    )
+    baseline: float | None = option(
+        words.number, metavar="B", group=VIDEO, needs=("focal",), help="distance of its cameras"
+    )
     save_gaussians: StrPath | None = option(
-        words.path, metavar="G.npz", group=VIDEO, help="also write the network's Gaussians"
+        words.written, metavar="G.npz", group=VIDEO, help="also write the network's Gaussians"
     )
 
     def __post_init__(self) -> None:
@@ -286,7 +290,7 @@ class CompressRequest(Noted, Coding):
     """
 
     gaussians: Gaussians = field(kw_only=False)
-    keep_all: bool = option(words.flag, False, help="do not prune a trained scene")
+    keep_all: bool = option(words.flag, False, against=("seconds",), help="do not prune a trained scene")
     seconds: float | None = option(words.positive, metavar="S", help="time limit of pruning")
     """What was not looked at by then is kept, with a warning; bytes then depend on how fast the machine is."""
     cameras: Sequence[Camera] | StrPath | None = option(
@@ -294,17 +298,16 @@ class CompressRequest(Noted, Coding):
     )
     """Of a list, in place of its viewpoints; where it has as many Gaussians as they have pixels, these."""
     photos: Scene | StrPath | None = option(
-        words.scene, metavar="SCENE", help="photos by which --refine corrects the Gaussians"
+        words.scene, metavar="SCENE", needs=("refine",), help="photos by which --refine corrects the Gaussians"
     )
     refine: Refinement | None = option(
-        words.refinement, metavar="STEPS|10s", group=BYTES, usual=words.AUTO, help="correct Gaussians by their photos"
+        words.refinement,
+        metavar="STEPS|10s",
+        group=BYTES,
+        usual=words.AUTO,
+        needs=("photos",),
+        help="correct Gaussians by their photos",
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if bool(self.refine) != (self.photos is not None):
-            one, missing = ("refine", "photos") if self.refine else ("photos", "refine")
-            raise InputError(f"given without {missing}, expected both or neither", where=one)
 
 
 class ExportKeywords(NoteKeywords, total=False):
@@ -368,9 +371,11 @@ class ExportRequest(Noted, Sparse):
         help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
     )
     """Own pixels² by which Gaussians are widened."""
-    points: bool = option(words.flag, False, group=HOW, help="a plain point cloud (.ply) of means and colours")
+    points: bool = option(
+        words.flag, False, group=HOW, only=".ply", help="a plain point cloud (.ply) of means and colours"
+    )
     sh_bits: tuple[int, int] = option(
-        words.bits, SH_BITS, metavar="A,B", group=HOW, help=".spz: bits of SH of degree 1, above; 5,4"
+        words.bits, SH_BITS, metavar="A,B", group=HOW, only=".spz", help=".spz: bits of SH of degree 1, above; 5,4"
     )
     spz_version: int = option(
         words.whole,
@@ -378,6 +383,7 @@ class ExportRequest(Noted, Sparse):
         metavar="N",
         group=HOW,
         choices=SPZ_VERSIONS,
+        only=".spz",
         help="default 3; 4 keeps SH degree 4, wants zstd",
     )
     crop: tuple[float, ...] | None = option(
@@ -386,7 +392,7 @@ class ExportRequest(Noted, Sparse):
     rotate: tuple[float, float, float, float] | None = option(
         words.turn, metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion"
     )
-    scale: float = option(words.positive, 1.0, metavar="S", help="then: enlarge the scene S times")
+    scale: float = option(words.ratio, 1.0, metavar="S", help="then: enlarge the scene S times")
     translate: tuple[float, ...] = option(words.numbers(3), (0.0, 0.0, 0.0), metavar="X,Y,Z", help="then: move it")
     cameras: Sequence[Camera] | StrPath | None = option(
         words.cameras, metavar="SCENE", help="cameras of the photos, for --prune"

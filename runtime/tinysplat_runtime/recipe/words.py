@@ -108,6 +108,11 @@ def path(given: object) -> StrPath:
     return given
 
 
+def written(given: object) -> StrPath:
+    """A file to write."""
+    return path(given)
+
+
 def file(given: object) -> bytes | StrPath:
     """A file by its path, or its bytes."""
     if not isinstance(given, str | bytes | os.PathLike):
@@ -165,6 +170,13 @@ def positive(given: object) -> float:
     """A finite number above 0."""
     if number(given) <= 0:
         raise _refused(given, "a number above 0")
+    return number(given)
+
+
+def ratio(given: object) -> float:
+    """How many times as large."""
+    if not 1e-9 <= number(given) <= 1e9:
+        raise _refused(given, "a number of 1e-9 to 1e9")
     return number(given)
 
 
