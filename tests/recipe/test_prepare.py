@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,6 +60,17 @@ def test_a_capture_gets_all_photos_that_it_needs_and_a_line(capture: Path) -> No
 )
 def test_views_are_taken_as_asked(capture: Path, views: object, wanted: tuple[int, ...]) -> None:
     assert chosen(capture, views=views)[0] == names(*wanted)
+
+
+@pytest.mark.filterwarnings("ignore::tinysplat_runtime.errors.InputWarning")  # that it is not there
+def test_views_keep_their_numbers_where_a_photo_is_not_there(capture: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(capture, tmp_path / "row")
+    (folder / "images/0000.png").unlink()
+    assert chosen(folder, views="1,3")[0] == names(1, 3)
+    with refusing(ts.InputError, "0"):
+        chosen(folder, views="0,1")
+    said = next(line for line in chosen(folder, views="auto:2")[1] if "which see most" in line)
+    assert set(map(int, re.findall(r"views (\d+),(\d+)", said)[0])) <= {int(name[:4]) for name in chosen(folder)[0]}
 
 
 def test_frames_that_lie_between_others_are_left_out(capture: Path) -> None:
@@ -178,12 +190,12 @@ def test_cameras_far_nearer_to_each_other_than_to_anything_are_told_of_units() -
     ("scene", "options", "said"),
     [
         (["a", "b"], {}, "encode: 2 --focal --baseline"),
-        (["a", "b"], {"focal": 5.0}, "encode: 2 --focal"),
+        (["a", "b"], {"focal": 5.0}, "focal: "),
         (["a"], {"focal": 5.0, "baseline": 1.0}, "focal: "),
         ([], {}, "encode: 0"),
         (["a", "b"], {"poses": "p"}, "poses: 2"),
         ({"a": 1}, {}, "scene: {'a': 1} Scene"),
-        (photos_of(2, 8, 8), {"focal": 1.0, "poses": "p"}, "focal: Scene"),
+        (photos_of(2, 8, 8), {"focal": 1.0, "baseline": 1.0}, "focal: Scene"),
     ],
 )
 def test_paths_and_options_that_do_not_go_together_are_told(scene, options, said: str) -> None:

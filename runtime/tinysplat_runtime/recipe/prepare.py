@@ -106,8 +106,7 @@ def named_scene(request: EncodeRequest) -> Scene:
         fault = "one path, expected the left and the right photo of a stereo pair"
         raise InputError(f"{fault}: a scene has its cameras", where=given[0])
     if len(paths) != 2 or request.focal is None or request.baseline is None:
-        options = " and ".join(f"--{name}" for name in given) or "neither --focal nor --baseline"
-        fault = f"{len(paths)} paths with {options}"
+        fault = f"{len(paths)} paths with{' ' if given else 'out '}--focal and --baseline"
         raise InputError(f"{fault}, expected one scene, or two photos with --focal and --baseline", where="encode")
     left, right = paths
     return stereo_scene(left, right, request.focal, request.baseline, near=near, far=far)
@@ -121,7 +120,7 @@ def _chosen_views(request: EncodeRequest, scene: Scene, told: Told) -> tuple[Sce
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
     if isinstance(asked, tuple):
-        return _matching(_with_range(_moving(scene.views(asked)), told), told), "as asked"
+        return _matching(_with_range(_moving(_numbered(scene, asked)), told), told), "as asked"
     _moving(scene)
     if asked == ALL or (asked is None and count in ALL_VIEWS):
         return _matching(_with_range(_once(scene, told), told), told), "all there are"
@@ -129,9 +128,8 @@ def _chosen_views(request: EncodeRequest, scene: Scene, told: Told) -> tuple[Sce
     if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
         near, far = _range_or_guess(scene)
         seen = choose_views(scene.cameras, near, far, wanted)
-        told.say(
-            "notice", f"views {','.join(map(str, seen))} of {count}, which see most; --views chooses others", scene.path
-        )
+        numbers = (str(v if (own := scene.frames[v].number) is None else own) for v in seen)
+        told.say("notice", f"views {','.join(numbers)} of {count}, which see most; --views chooses others", scene.path)
         return _with_range(scene.views(seen), told), "as asked"
     scene = _once(scene, told)
     scene = _matching(_with_range(scene, told), told)
@@ -140,6 +138,14 @@ def _chosen_views(request: EncodeRequest, scene: Scene, told: Told) -> tuple[Sce
     within = f"{100 * SPACING:.0f} % of the depth and {math.degrees(SPACING):.0f}°"
     why = f"any left out lie within {within} of one of them"
     return _matching(scene.views(chosen), NOBODY), "as asked" if wanted else why
+
+
+def _numbered(scene: Scene, numbers: Sequence[int]) -> Scene:
+    """The scene of photos by their numbers in its file; InputError where one of these is not there."""
+    known = {v if frame.number is None else frame.number: v for v, frame in enumerate(scene.frames)}
+    if absent := [number for number in numbers if number not in known and number < max(known)]:
+        raise InputError(f"the photo of view {absent[0]} is not there, expected others", where=str(scene.path))
+    return scene.views(known.get(number, number) for number in numbers)
 
 
 def _moving(scene: Scene) -> Scene:

@@ -104,7 +104,9 @@ def staying(pairs: Sequence[NDArray]) -> NDArray:
         if not stays.all() and np.median(moved[~stays]) >= MOVED:
             still.append(matches[stays, :2])
             moving.append(matches[~stays, :2])
-    places = np.concatenate(still) if still else np.empty((0, 2))
+    if not still:
+        return np.empty((0, 2))
+    places = np.concatenate(still)
     count = np.sum([_near(places, others, MOVED) for others in still], axis=0)
     kept = places[count > max(1, len(still) / 2)]
     if len(kept) < STAYING * len(still):

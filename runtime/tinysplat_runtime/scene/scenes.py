@@ -49,6 +49,7 @@ class Frame:
         taken_with: the intrinsics of the photo that the one at `path` was made from, where that is known: those of the
             video's frames whose photos they were.
         mask: which of the photo's pixels count, where not all do.
+        number: which of its file's photos it is, counted from 0, whether they are there or not; None where unknown.
         kept: what `image` and `known` gave, by these names, once they did; None where that is not to be kept.
     """
 
@@ -60,6 +61,7 @@ class Frame:
     index: int = 0
     taken_with: Lens | None = None
     mask: Mask | None = None
+    number: int | None = None
     kept: dict[str, NDArray | None] | None = field(default=None, repr=False)
 
     @classmethod
@@ -236,7 +238,7 @@ class Scene:
         return replace(self, near=self.near if near is None else near, far=self.far if far is None else far)
 
     def views(self, indices: Iterable[int]) -> Scene:
-        """The scene of some frames, in the order given.
+        """The scene of some of its frames, in the order given.
 
         Raises:
             InputError: an index is no whole number, out of range, negative or given twice, or there is none.

@@ -77,7 +77,10 @@ class Seen:
                 corners_of[v] = corners(image)
         near, far = scene.depth_range()
         depths = 1 / np.linspace(1 / near, 1 / far, PLANES)
-        names = tuple(f"photo {v + 1} ({frame.path.name})" for v, frame in enumerate(scene.frames))
+        names = tuple(
+            f"photo {(v if frame.number is None else frame.number) + 1} ({frame.path.name})"
+            for v, frame in enumerate(scene.frames)
+        )
         are_opengl = any((scene.path / name).is_file() for name in (FILE, BLENDER_FILE))
         pictures = np.stack(images)
         return cls(closer, pictures, small.cameras, names, depths, corners_of, scene.is_estimated, are_opengl)

@@ -30,7 +30,7 @@ from ..pictures import write_png
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene
 from .fields import Fields
 from .inria import inria_cameras, inria_frames
-from .photos import find_photo, present
+from .photos import find_photo, frames_there
 
 CAMERAS_FILE = "cameras.json"
 
@@ -50,7 +50,7 @@ def load_folder(file: Path) -> Scene:
         entries = fields.each("frames", 1)
         photos = [find_photo(folder, entry.photo("file")) for entry in entries]
         frames = [Frame(_camera(e), photo, taken_with=_taken_with(e)) for e, photo in zip(entries, photos, strict=True)]
-        chosen = [frames[i] for i in present(photos, str(file))]
+        chosen = frames_there(photos, str(file), lambda i: frames[i])
         near, far = fields.depth("near"), fields.depth("far")
     return Scene(folder, tuple(chosen), near, far)
 

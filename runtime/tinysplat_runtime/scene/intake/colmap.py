@@ -23,7 +23,7 @@ from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
 from .colmap_model import ModelPhoto, read_model
 from .depths import depth_range_in_view, observed_range
-from .photos import find_folder, find_photo, is_there, lens_of_copy, present
+from .photos import find_folder, find_photo, frames_there, is_there, lens_of_copy
 
 MODEL_FOLDERS = (
     "sparse", "sparse/*", "colmap/sparse", "colmap/sparse/*", "dense/sparse", "dense/*/sparse", "colmap",
@@ -86,7 +86,7 @@ def load_colmap(folder: Path) -> Scene:
             if not stays_inside(entry.name):
                 raise InputError(f"'{entry.name[:60]}' leaves the folder of the photos", where="images")
         photos = _photos(folder, model, [entry.name for entry in entries])
-        frames = [_frame(photos[i], entries[i]) for i in present(photos, str(model))]
+        frames = frames_there(photos, str(model), lambda i: _frame(photos[i], entries[i]))
     w2c = np.stack([photo.w2c for photo in found.photos])  # (V, 3, 4)
     depths = observed_range(w2c, found.points, found.observations)
     if None in depths:

@@ -16,7 +16,7 @@ from ...errors import InputError, within
 from ..cameras import Camera, intrinsics, posed
 from ..scenes import Frame
 from .fields import Fields
-from .photos import find_photo, is_there, present
+from .photos import find_photo, frames_there, is_there
 
 
 def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
@@ -29,7 +29,7 @@ def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
     names = [Fields(entry, f"[{i}]").photo("img_name") for i, entry in enumerate(entries)]
     beside = [folder if is_there(find_photo(folder, name)) else folder / "images" for name in names]
     photos = [find_photo(place, name) for place, name in zip(beside, names, strict=True)]
-    return [Frame(cameras[i], photos[i]) for i in present(photos, str(folder))]
+    return frames_there(photos, str(folder), lambda i: Frame(cameras[i], photos[i]))
 
 
 def inria_cameras(entries: list[Any]) -> list[Camera]:

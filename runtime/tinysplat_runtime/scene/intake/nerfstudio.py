@@ -26,7 +26,7 @@ from ..masks import Mask
 from ..scenes import MAX_CAMERAS_BYTES, Frame, Scene, even_sizes
 from .depths import depth_range_in_view
 from .fields import Fields
-from .photos import find_photo, lens_of_copy, present
+from .photos import find_photo, frames_there, lens_of_copy
 
 FILE = "transforms.json"
 BLENDER_FILE = "transforms_train.json"  # the synthetic scenes of NeRF have one for each use
@@ -65,7 +65,7 @@ def frames_of(folder: Path, document: JsonObject, named: str) -> tuple[Frame, ..
     """
     entries = Fields(document).each("frames", 1)
     photos = [find_photo(folder, entry.photo("file_path")) for entry in entries]
-    return even_sizes([_frame(folder, document, entries[i], photos[i]) for i in present(photos, named)])
+    return even_sizes(frames_there(photos, named, lambda i: _frame(folder, document, entries[i], photos[i])))
 
 
 def _frame(folder: Path, document: JsonObject, entry: Fields, photo: Path) -> Frame:

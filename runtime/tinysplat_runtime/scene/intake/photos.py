@@ -12,6 +12,7 @@ import time
 import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from ...errors import warn
 from ...system.printable import listed
 from ..images import PHOTO_SUFFIXES, image_size
 from ..lenses import Lens
+from ..scenes import Frame
 
 SMALLER = {"images": ("images_2", "images_4", "images_8")}
 """Folders of the same photos, reduced, which stand in for one that is not there."""
@@ -118,11 +120,16 @@ def lens_of_copy(lens: Lens, photo: Path) -> Lens:
     return lens.scaled(width, height)
 
 
-def present(photos: Sequence[Path], where: str) -> list[int]:
-    """Which of a scene's photos are there, by their indices; the others are said. All where none is, as beside a video.
+def frames_there(photos: Sequence[Path], where: str, frame: Callable[[int], Frame]) -> list[Frame]:
+    """The frames of a scene's photos that are there, made by their numbers, which they keep; the others are said. All
+    where none is, as beside a video.
 
     Photos that lie beside them and are not of the scene are counted, too.
     """
+    return [replace(frame(i), number=i) for i in _there(photos, where)]
+
+
+def _there(photos: Sequence[Path], where: str) -> list[int]:
     missing = [i for i, photo in enumerate(photos) if not is_there(photo)]
     if len(missing) == len(photos):
         return [*range(len(photos))]

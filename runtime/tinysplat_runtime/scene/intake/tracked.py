@@ -15,7 +15,7 @@ from ..lenses import Lens
 from ..scenes import Frame, Scene, even_sizes
 from .depths import depth_range_in_view
 from .fields import MAX_PATH_LENGTH
-from .photos import find_folder, find_photo, is_there, lens_of_copy, present
+from .photos import find_folder, find_photo, frames_there, is_there, lens_of_copy
 
 FOLDERS = ("images", "photos", "")
 """Where photos lie beside a tracker's file, or one folder up."""
@@ -65,13 +65,14 @@ def load_track(file: Path, read: Callable[[Path], Track]) -> Scene:
         photos = _photos(file.parent, [camera.name for camera in cameras])
         if not any(is_there(photo) for photo in photos):
             raise InputError(f"none of its {len(photos)} photos ({photos[0].name}, …) is beside it or in images/")
-        frames = []
-        for i in present(photos, str(file)):
-            with within(cameras[i].name[:60]):
-                lens = lens_of_copy(cameras[i].lens(image_size(photos[i])), photos[i])
-                frames.append(Frame.through(lens, cameras[i].c2w, photos[i]))
+        frames = frames_there(photos, str(file), lambda i: _frame(cameras[i], photos[i]))
     depths = depth_range_in_view(track.points, [frame.camera for frame in frames])
     return Scene(file.parent, even_sizes(frames), *depths)
+
+
+def _frame(camera: Tracked, photo: Path) -> Frame:
+    with within(camera.name[:60]):
+        return Frame.through(lens_of_copy(camera.lens(image_size(photo)), photo), camera.c2w, photo)
 
 
 def _photos(folder: Path, names: Sequence[str]) -> list[Path]:
