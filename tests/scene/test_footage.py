@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scenes import make_cameras, realestate_line, refusing
 
 from tinysplat_runtime.cli import main
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.render.video import write_video
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import open_video
@@ -168,15 +168,6 @@ def test_what_is_no_video_is_one_line(clip: Path, tmp_path: Path) -> None:
         open_video(path)
 
 
-def test_a_video_that_is_cut_short_has_the_frames_that_are_left(clip: Path, tmp_path: Path) -> None:
-    data = clip.read_bytes()
-    (tmp_path / "v.mp4").write_bytes(data[: data.index(b"mdat") + (len(data) - data.index(b"mdat")) * 9 // 10])
-    video = open_video(tmp_path / "v.mp4")
-    assert 1 < len(video.stamps) < COUNT and number_of(video.frame(0) / 255) == 0
-    with refusing(InputError, f"{COUNT - 1} of 0 to {len(video.stamps) - 1}"):
-        video.frame(COUNT - 1)
-
-
 def patches() -> NDArray:
     """(8, 8, 3) sRGB of greys up to white, and of colours by chance."""
     colours = np.random.default_rng(0).integers(60, 236, (8, 8, 3))
@@ -270,3 +261,108 @@ def test_the_largest_of_several_videos_is_read(tmp_path: Path) -> None:
     video = open_video(tmp_path / "two.mkv")
     assert (len(video.stamps), video.height, video.width) == (3, HEIGHT, WIDTH)
     assert video.frame(2).mean() > 190
+
+
+def write_frames(path: Path, frames: list[NDArray], **options: str) -> Path:
+    """A clip of frames (H, W, 3) uint8 with one key frame."""
+    with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
+        stream: Any = container.add_stream("libx264", rate=FPS, options={"crf": "4", "g": "1000", **options})
+        stream.height, stream.width, stream.pix_fmt = *frames[0].shape[:2], "yuv420p"
+        for frame in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame)))
+        container.mux(stream.encode(None))
+    return path
+
+
+NOISE = [np.kron(np.random.default_rng(i).integers(0, 256, (12, 12, 1)), np.ones((8, 8, 3))) for i in range(30)]
+"""Frames that have nothing in common, of 96×96 pixels."""
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv", "ts"])
+@pytest.mark.parametrize(("shape", "size"), [("4/3", (96, 128)), ("1/2", (192, 96))])
+def test_pixels_that_are_not_square_are_shown_square(tmp_path: Path, ending: str, shape: str, size: tuple) -> None:
+    ramp = np.tile(np.linspace(0, 255, 96).astype(np.uint8)[None, :, None], (96, 1, 3))
+    video = open_video(write_frames(tmp_path / f"v.{ending}", [ramp] * 4, aspect=shape))
+    assert (video.height, video.width) == size and video.stored == (96, 96)
+    image = video.frame(1)
+    assert image.shape[:2] == size and abs(image[size[0] // 2, size[1] // 2].mean() - 128) < 6
+    assert video.frame(1, is_square=False).shape[:2] == (96, 96)
+
+
+def test_cameras_of_frames_as_stored_are_taken(tmp_path: Path) -> None:
+    """FFmpeg writes frames without regard to the shape of their pixels, and trackers state cameras of these."""
+    clip = write_frames(tmp_path / "v.mp4", [np.full((HEIGHT, WIDTH, 3), 99, np.uint8)] * 4, aspect="4/3")
+    scene = video_scene(clip, write_cameras(tmp_path, {"0.png": CAMERAS[0], "1.png": CAMERAS[1]}))
+    assert scene.images().shape == (2, HEIGHT, WIDTH, 3)
+
+
+@pytest.mark.parametrize("turns", range(8))
+def test_frames_are_turned_and_mirrored_as_players_show_them(clip: Path, tmp_path: Path, turns: int) -> None:
+    corner = np.zeros((64, 96, 3), np.uint8)
+    corner[:32, :48] = 255
+    data = bytearray(write_frames(tmp_path / "v.mp4", [corner] * 2).read_bytes())
+    xx, xy, yx, yy = [(1, 0, 0, 1), (-1, 0, 0, 1), (1, 0, 0, -1), (-1, 0, 0, -1),
+                      (0, 1, 1, 0), (0, 1, -1, 0), (0, -1, 1, 0), (0, -1, -1, 0)][turns]  # fmt: skip
+    at = data.index(b"tkhd") + 44
+    data[at : at + 36] = struct.pack(">9i", xx << 16, xy << 16, 0, yx << 16, yy << 16, 0, 0, 0, 1 << 30)
+    (tmp_path / "turned.mp4").write_bytes(data)
+    image = open_video(tmp_path / "turned.mp4").frame(0)
+    x, y = -xx - yx, -xy - yy  # from the middle, where the white corner is shown
+    height, width = image.shape[:2]
+    assert (height, width) == ((64, 96) if xx else (96, 64))
+    assert image[height // 2 + y * height // 4, width // 2 + x * width // 4].min() > 200
+    assert image[height // 2 - y * height // 4, width // 2 - x * width // 4].max() < 50
+
+
+def test_one_field_of_interlaced_frames_is_shown(tmp_path: Path) -> None:
+    columns = [((np.arange(96) + shift) // 16 % 2 * 255).astype(np.uint8) for shift in (0, 8)]
+    frame = np.stack([np.repeat(columns[row % 2][:, None], 3, axis=1) for row in range(96)])
+    tags = {"x264-params": "tff=1:interlaced=1"}
+    video = open_video(write_frames(tmp_path / "two.mp4", [frame] * 3, **tags))
+    np.testing.assert_allclose(video.frame(1).mean(axis=(0, 2)), columns[0], atol=30)
+    still = np.repeat(NOISE[0], 1, axis=0).astype(np.uint8)  # of one time, which is told from two by its lines
+    progressive, tagged = (open_video(write_frames(tmp_path / f"{len(t)}.mp4", [still] * 3, **t)) for t in ({}, tags))
+    np.testing.assert_allclose(tagged.frame(1).astype(int), progressive.frame(1), atol=12)
+
+
+def test_two_pictures_in_one_are_refused_by_name(tmp_path: Path) -> None:
+    frames = [np.tile(frame, (1, 2, 1)).astype(np.uint8) for frame in NOISE[:3]]
+    with refusing(InputError, "side by side"):
+        open_video(write_frames(tmp_path / "v.mp4", frames, **{"x264-params": "frame-packing=3"}))
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv"])
+def test_a_clip_that_is_cut_short_says_so(tmp_path: Path, ending: str) -> None:
+    path = write_frames(tmp_path / f"v.{ending}", [frame.astype(np.uint8) for frame in NOISE])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+    with pytest.warns(InputWarning, match=r"cut short: \d+ (of 30 )?frames are there, 0\.\d of 1\.2 s"):
+        video = open_video(path)
+    assert 10 < len(video.stamps) < 24 and video.frame(0).shape == (96, 96, 3)
+    with refusing(InputError, f"29 of 0 to {len(video.stamps) - 1}"):
+        video.frame(29)
+
+
+def test_a_clip_without_its_index_says_why(tmp_path: Path) -> None:
+    path = write_frames(tmp_path / "v.mov", [frame.astype(np.uint8) for frame in NOISE])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 9 // 10])
+    with refusing(InputError, "moov"):
+        open_video(path)
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv"])
+def test_damaged_frames_are_left_out_and_counted(tmp_path: Path, ending: str) -> None:
+    frames = [frame.astype(np.uint8) for frame in NOISE]
+    path = write_frames(tmp_path / f"v.{ending}", frames, g="10", bf="0")
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 40] = bytes(40)  # of one of thirty frames, about the fifteenth
+    path.write_bytes(data)
+    video = open_video(path)
+    with pytest.warns(InputWarning, match=r"\d+ of \d+ frames are damaged and left out"):
+        left = dict(video.frames(range(30)))
+    assert 15 <= len(left) < 30 and {0, 9, 20, 29} <= left.keys()
+    for index, image in left.items():
+        assert np.abs(image.astype(int) - frames[index]).mean() < 12
+    with refusing(InputError, "damaged"):
+        for index in set(range(30)) - left.keys():
+            video.frame(index)

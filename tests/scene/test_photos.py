@@ -6,9 +6,11 @@ import unicodedata
 from pathlib import Path
 
 import pytest
+from scenes import make_cameras
 
 from tinysplat_runtime.errors import InputWarning
-from tinysplat_runtime.scene.intake.photos import find_photo, photos_in, present
+from tinysplat_runtime.scene.intake.photos import find_photo, frames_there, photos_in
+from tinysplat_runtime.scene.scenes import Frame
 from tinysplat_runtime.system.files import stays_inside
 
 
@@ -59,11 +61,15 @@ def test_photos_of_a_folder_are_in_order_without_hidden_ones(tmp_path: Path) -> 
 def test_photos_that_are_gone_and_those_without_a_camera_are_counted(tmp_path: Path) -> None:
     having(tmp_path, *(f"{i}.png" for i in range(5)), "1.mask.png", "2.png.png", "._3.png")
     photos = [tmp_path / f"{i}.png" for i in (0, 1, 2, 8, 9)]
+
+    def frame(i: int) -> Frame:
+        return Frame(make_cameras(1, 8, 8)[0], photos[i])
+
     with pytest.warns(InputWarning) as caught:
-        assert present(photos, "scene") == [0, 1, 2]
+        assert [frame.number for frame in frames_there(photos, "scene", frame)] == [0, 1, 2]
     gone, unused = (str(entry.message) for entry in caught)
     assert "2 of 5" in gone and "8.png, 9.png" in gone and "3 of 5" in unused
-    assert present(photos[3:], "scene") == [0, 1]  # as beside a video
+    assert [frame.number for frame in frames_there(photos[3:], "scene", frame)] == [0, 1]  # as beside a video
 
 
 @pytest.mark.parametrize("name", ["../a.png", "/a.png", "a/../../b.png", "..\\a.png", "C:\\a.png", "C:a.png"])

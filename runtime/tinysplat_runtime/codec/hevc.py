@@ -56,7 +56,7 @@ _under_way: list[int] = []
 
 _count = threading.Lock()
 
-av.logging.set_level(av.logging.PANIC)
+av.logging.set_level(None)  # any level calls Python from its threads, which may wait for this one
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """Frames of a video file: when each is shown, and any one of them as a picture.
 
 Times come from the container alone, so that a long video opens without being decoded; a frame is decoded from the key
-frame before it. The picture is turned as the file asks players to, and its colours are brought to sRGB (`colours`).
+frame before it. The picture is what players show: turned or mirrored as the file says, its pixels square, one field of
+interlaced frames, its colours sRGB (`colours`). Frames that the decoder marks as damaged are left out, and so are those
+after them up to the next key frame, which repeat the damage.
 
 Trust boundary: files, not addresses, of containers that cannot name other files; number and size of frames are bounded.
 What libavformat and libavcodec raise becomes an InputError.
@@ -9,7 +11,7 @@ What libavformat and libavcodec raise becomes an InputError.
 
 from __future__ import annotations
 
-import math
+import re
 import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -22,10 +24,11 @@ import numpy as np
 from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..system.files import StrPath, check_readable, parsing
 from .colours import of_code_points, to_srgb
 from .images import MAX_PIXELS
+from .resampling import scaled
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".ts")
 """Names of containers that give every frame its time."""
@@ -39,6 +42,18 @@ _RGB, _BT709, _UNSPECIFIED, _BT601, _BT2020 = 0, 1, 2, 5, 9  # matrices and prim
 _MATRICES = (_RGB, _BT709, 4, _BT601, 6, 7, _BT2020)  # those that swscale knows
 _HD_HEIGHT = 720  # pictures as high, and which do not say it, are taken for BT.709's, as players take them
 _LONE_FRAME_S = 1 / 30  # how long a video's only frame is taken to be shown
+_WHOLE = 0.9  # of the time that a file states, that its frames last if it is not cut short
+_STRAIGHT = 0.02  # of the largest entry of a display matrix, that others are noise
+_MOST_STRETCHED = 4  # times that pixels are wider than high, or higher than wide
+_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # that MP4 and QuickTime begin with
+_STEREO = {
+    1: "side by side",
+    2: "one above the other",
+    3: "in turns",
+    4: "in a chequer",
+    5: "side by side",
+    6: "by lines",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +65,7 @@ class Video:
         stamps: (F,) int64, when each frame is shown, rising, in units of the stream.
         unit: seconds per unit of `stamps`.
         height, width: of a frame as players show it.
+        stored: (height, width) of its pixels as stored, which need not be square.
     """
 
     path: Path
@@ -57,6 +73,7 @@ class Video:
     unit: float
     height: int
     width: int
+    stored: tuple[int, int]
 
     def index_at(self, seconds: float) -> int:
         """The frame shown nearest to a time from the first frame on.
@@ -78,23 +95,23 @@ class Video:
             raise InputError(f"frame {index}, but its frames are 0 to {len(self.stamps) - 1}", where=str(self.path))
         return index
 
-    def frame(self, index: int) -> NDArray:
-        """A frame as (H, W, 3) uint8, sRGB.
+    def frame(self, index: int, *, is_square: bool = True) -> NDArray:
+        """A frame as (H, W, 3) uint8, sRGB, its pixels square or as stored.
 
         Raises:
-            InputError: there is no such frame, or it cannot be decoded.
+            InputError: there is no such frame, or it is damaged.
         """
         wanted = int(self.stamps[self.check_index(index)])
         for seeks in (True, False):  # some files find no key frame before a time, and are decoded from the first on
             with _opened(self.path) as (container, stream):
                 if seeks:
                     container.seek(wanted, stream=stream)
-                for picture in container.decode(stream):
+                for picture, is_whole in _pictures(container, stream):
                     if picture.pts is not None and picture.pts >= wanted:
-                        if picture.pts == wanted:
-                            return _shown(picture, stream)
+                        if picture.pts == wanted and is_whole:
+                            return _shown(picture, stream, is_square=is_square)
                         break
-        raise InputError(f"frame {index} cannot be decoded", where=str(self.path))
+        raise InputError(f"frame {index} is damaged: it cannot be decoded", where=str(self.path))
 
     def frames(self, chosen: Collection[int]) -> Iterator[tuple[int, NDArray]]:
         """Index and (H, W, 3) uint8 of each chosen frame that can be decoded, in one pass."""
@@ -111,10 +128,13 @@ class Video:
         """Index and frame, from the first on, and the stream."""
         place = {int(stamp): index for index, stamp in enumerate(self.stamps)}
         with _opened(self.path) as (container, stream):
-            stream.thread_type = "AUTO"
-            for picture in container.decode(stream):
-                if picture.pts in place:
-                    yield place[picture.pts], picture, stream
+            for picture, is_whole in _pictures(container, stream):
+                if picture.pts in place and is_whole:
+                    yield place.pop(picture.pts), picture, stream
+        if place:
+            first = (min(place) - self.stamps[0]) * self.unit
+            fault = f"{len(place)} of {len(self.stamps)} frames are damaged and left out"
+            warn(f"{self.path}: {fault}, the first at {first:.1f} s")
 
 
 def open_video(path: StrPath) -> Video:
@@ -126,21 +146,55 @@ def open_video(path: StrPath) -> Video:
     check_readable(path)
     with _opened(Path(path)) as (container, stream):
         stamps: set[int] = set()
+        end = 0
         for packet in container.demux(stream):
-            if packet.size and not packet.is_discard:
+            if packet.size and not packet.is_discard and not packet.is_corrupt:
                 if packet.pts is None or len(stamps) >= MAX_FRAMES:
                     fault = "frames without times" if packet.pts is None else f"more than {MAX_FRAMES} frames"
                     raise InputError(f"{fault}; `ffmpeg -i IN OUT.mp4` writes a part of it anew")
                 stamps.add(packet.pts)
+                end = max(end, packet.pts + (packet.duration or 0))
         if not stamps:
             raise InputError("a video without frames")
         unit = float(stream.time_base)
+        lasts, stated, promised = (end - min(stamps)) * unit, _stated_length(stream), stream.frames
+    if lasts < _WHOLE * stated:
+        count = f"{len(stamps)} of {promised}" if promised > len(stamps) else f"{len(stamps)}"
+        warn(f"{path}: cut short: {count} frames are there, {lasts:.1f} of {stated:.1f} s")
     with _opened(Path(path)) as (container, stream):  # anew: at the end of a file with one key frame nothing seeks back
-        first = next(container.decode(stream), None)
+        first = next((picture for picture, is_whole in _pictures(container, stream) if is_whole), None)
         if first is None:
             raise InputError("a video none of whose frames can be decoded")
-        height, width = _shown(first, stream).shape[:2]
-        return Video(Path(path), np.array(sorted(stamps), np.int64), unit, height, width)
+        if (stereo := first.side_data.get(Type.STEREO3D)) is not None:
+            (kind,) = struct.unpack_from("<i", bytes(stereo))  # libavutil/stereo3d.h
+            if kind in _STEREO:
+                fault = f"two pictures {_STEREO[kind]} (stereo 3D), expected one"
+                raise InputError(f"{fault}: `ffmpeg -i IN -vf stereo3d=sbsl:ml OUT.mp4` takes the left one")
+        (height, width, _), (*stored, _) = (_shown(first, stream, is_square=one).shape for one in (True, False))
+        return Video(Path(path), np.array(sorted(stamps), np.int64), unit, height, width, (stored[0], stored[1]))
+
+
+def _stated_length(stream: Any) -> float:
+    """Seconds that a file says its video lasts, where a cut leaves that as it is; else 0."""
+    if stream.duration is not None and stream.frames:  # MP4's index
+        return float(stream.duration * stream.time_base)
+    stated = re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", ""))  # Matroska's
+    return sum(float(word) * unit for word, unit in zip(stated.groups(), (3600, 60, 1), strict=True)) if stated else 0.0
+
+
+def _pictures(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
+    """Frames as decoded, each with whether it is whole."""
+    stream.thread_type = "AUTO"  # by slices alone, libavcodec marks no damage
+    is_whole = True
+    for packet in container.demux(stream):
+        try:
+            pictures = packet.decode()
+        except av.FFmpegError:
+            is_whole = False
+            continue
+        for picture in pictures:
+            is_whole = not picture.is_corrupt and (is_whole or picture.key_frame)
+            yield picture, is_whole
 
 
 @contextmanager
@@ -149,7 +203,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     options = {"format_whitelist": _CONTAINERS}
     try:
         with (
-            parsing(f"video, accepted are {', '.join(SUFFIXES)}"),
+            parsing("video"),
             path.open("rb") as file,
             av.open(file, options=options, metadata_errors="replace") as container,
         ):
@@ -163,23 +217,75 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
                 raise InputError(f"{stream.width}x{stream.height} pixels, at most {MAX_PIXELS}")
             yield container, stream
     except InputError as error:
-        raise InputError(error.message, where=str(path)) from None
+        is_foreign = error.message.startswith("damaged or foreign")
+        raise InputError((is_foreign and _cause(path)) or error.message, where=str(path)) from None
     except av.FFmpegError as error:  # av's own PermissionError, for what libavformat finds unfit
-        raise InputError(f"damaged or foreign video ({error.strerror})", where=str(path)) from None
+        raise InputError(_cause(path) or f"damaged or foreign video ({error.strerror})", where=str(path)) from None
 
 
-def _shown(picture: Any, stream: Any) -> NDArray:
-    """(H, W, 3) uint8 sRGB of an av.VideoFrame as players show it: its colours, and the quarter turns it asks for.
+def _cause(path: Path) -> str:
+    """Why a file cannot be opened, where its beginning or a box that MP4 lacks says so; else nothing."""
+    boxes = set()
+    with path.open("rb") as file:
+        start = file.read(8)
+        if start[4:] not in _BOXES:
+            is_video = start.startswith((b"\x1aE\xdf\xa3", b"G"))  # Matroska, MPEG-TS
+            accepted = f"expected a video ({', '.join(SUFFIXES)})"
+            return "" if is_video else f"starts with {start[:4].hex(' ') or 'nothing'}, {accepted}"
+        file.seek(0)
+        while len(box := file.read(16)) >= 8:
+            size = int.from_bytes(box[8:] if box[:4] == b"\0\0\0\1" else box[:4], "big")
+            boxes.add(box[4:8])
+            if size < 8:
+                break
+            file.seek(size - len(box), 1)
+    lost = "its index (moov), which recorders write at the end, is not there"
+    return "" if b"moov" in boxes else f"cut short: {lost}; tools such as untrunc restore it from another clip"
+
+
+def _shown(picture: Any, stream: Any, *, is_square: bool = True) -> NDArray:
+    """(H, W, 3) uint8 sRGB of an av.VideoFrame as players show it, or with pixels that need not be square.
 
     Raises:
-        InputError: its colours are coded in a way that is not read.
+        InputError: its colours, the shape of its pixels or its turn are such as are not read.
     """
+    pixels = _srgb(picture, stream.codec_context)
+    if picture.interlaced_frame and len(pixels) > 2:
+        pixels = _progressive(pixels)
+    shape = stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio
+    if is_square and shape and shape != 1:
+        if not 1 / _MOST_STRETCHED <= shape <= _MOST_STRETCHED:
+            raise InputError(f"pixels {shape} times as wide as high, expected at most {_MOST_STRETCHED}")
+        height, width = pixels.shape[:2]
+        size = (height, round(width * shape)) if shape > 1 else (round(height / shape), width)
+        pixels = np.rint(scaled(pixels, *size) * 255).astype(np.uint8)
     matrix = picture.side_data.get(Type.DISPLAYMATRIX)
-    turns = 0
-    if matrix is not None:
-        cosine, sine = struct.unpack_from("<ii", bytes(matrix))  # libavutil/display.h: the first two of nine
-        turns = -round(math.atan2(sine, cosine) / (math.pi / 2))
-    return np.ascontiguousarray(np.rot90(_srgb(picture, stream.codec_context), turns))
+    if matrix is None:
+        return pixels
+    xx, xy, _, yx, yy = struct.unpack_from("<5i", bytes(matrix))  # libavutil/display.h: two of three rows
+    turn = np.array([[xx, xy], [yx, yy]], np.float64)
+    is_set = np.abs(turn) > _STRAIGHT * np.abs(turn).max()
+    if not is_set.any():
+        return pixels
+    if is_set.sum() != 2 or is_set[0, 0] != is_set[1, 1]:
+        raise InputError("shown turned by no quarter, expected 0, 90, 180 or 270 degrees")
+    if is_set[0, 1]:  # what lies to the right is shown below or above
+        pixels, turn = pixels.swapaxes(0, 1), turn[::-1]
+    return np.ascontiguousarray(pixels[:: int(np.sign(turn[1, 1])), :: int(np.sign(turn[0, 0]))])
+
+
+def _progressive(pixels: NDArray) -> NDArray:
+    """A frame (H, W, 3) uint8 of two fields, as its first one shows it where they differ."""
+    levels = pixels[..., 1].astype(np.int16)
+    beside, beyond = (np.abs(levels[n:] - levels[:-n]).mean() for n in (1, 2))
+    if beside <= beyond:
+        return pixels
+    field = pixels[::2].astype(np.uint16)
+    whole = pixels.copy()
+    between = (field[:-1] + field[1:] + 1) // 2
+    whole[1 : 2 * len(between) : 2] = between
+    whole[2 * len(between) + 1 :: 2] = pixels[2 * len(between)]
+    return whole
 
 
 def _srgb(picture: Any, said: Any) -> NDArray:

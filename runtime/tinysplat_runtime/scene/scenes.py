@@ -148,6 +148,8 @@ class Frame:
         stated = self.lens or self.photo_camera or self.camera
         shrink = 1 if least is None else self._shrink(*least)
         pixels = read_image(self.path, shrink=shrink) if self.video is None else self.video.frame(self.index)
+        if self.video is not None and pixels.shape[:2] != (stated.height, stated.width) == self.video.stored:
+            pixels = self.video.frame(self.index, is_square=False)
         if shrink > 1 and pixels.shape[:2] != (stated.height, stated.width):
             if pixels.shape[:2] == (stated.height // shrink, stated.width // shrink):
                 return pixels

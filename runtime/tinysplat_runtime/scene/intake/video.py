@@ -45,7 +45,7 @@ def video_scene(
         stated = frame.lens or frame.photo_camera or frame.camera
         with within(f"{poses}: {frame.path.name}"):
             index = clip.check_index(_number(frame) - first_number)
-            if (stated.height, stated.width) != (clip.height, clip.width):
+            if (stated.height, stated.width) not in ((clip.height, clip.width), clip.stored):
                 fault = f"{clip.width}x{clip.height} pixels, but the camera states {stated.width}x{stated.height}"
                 raise InputError(fault, where=str(video))
         frames.append(replace(frame, path=clip.path, video=clip, index=index))
