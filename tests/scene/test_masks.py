@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scenes import make_photo, refusing, tells, write_scene
 
-from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.masks import filled
 from tinysplat_runtime.scene.pictures import jpeg_bytes, write_png
@@ -46,6 +46,12 @@ def masked(folder: Path, name: str, mask: NDArray = WHITE, views: int = 3) -> Pa
         "images/{i:04}.mask.png",
         "images/{i:04}_mask.png",
         "images/{i:04}.png.png",
+        "images/{i:04}.png.mask.png",
+        "masks/{i:04}_mask.png",
+        "masks/{i:04}.mask.png",
+        "_mask/{i:04}.png",
+        ".mask/{i:04}.png.png",
+        "masks_2/images/{i:04}.png",
     ],
 )
 def test_masks_are_found_where_tools_keep_them(tmp_path: Path, name: str) -> None:
@@ -56,6 +62,24 @@ def test_masks_are_found_where_tools_keep_them(tmp_path: Path, name: str) -> Non
         np.testing.assert_array_equal(frame.judged()[KEPT], photo[KEPT])
         assert not frame.is_on_background and np.isnan(frame.judged()[~KEPT]).all()
     assert [frame.known() for frame in scene.with_masks(None).frames] == [None] * 3
+
+
+def test_instant_ngp_leaves_out_what_is_white(tmp_path: Path) -> None:
+    scene = load_scene(masked(tmp_path, "images/dynamic_mask_{i:04}.png", WHITE[::-1] ^ 255))
+    for frame in scene.frames:
+        np.testing.assert_array_equal(frame.known(), KEPT[::-1])
+
+
+@pytest.mark.parametrize("name", ["mask.png", "images/mask.png", "masks/sensor.png"])
+def test_one_mask_is_that_of_all_photos(tmp_path: Path, name: str) -> None:
+    scene = load_scene(masked(tmp_path, name))
+    for frame in scene.frames:
+        np.testing.assert_array_equal(frame.known(), KEPT)
+
+
+def test_what_looks_like_masks_and_is_not_read_is_named(tmp_path: Path) -> None:
+    with pytest.warns(InputWarning, match="skymasks"):
+        load_scene(masked(tmp_path, "skymasks/{i:04}.png"))
 
 
 def test_nerfstudio_names_the_mask_of_a_frame_and_a_transparent_photo_is_its_own(tmp_path: Path) -> None:
@@ -76,6 +100,10 @@ def test_nerfstudio_names_the_mask_of_a_frame_and_a_transparent_photo_is_its_own
         np.testing.assert_array_equal(frame.known(), KEPT)
     assert [frame.is_on_background for frame in scene.frames] == [False, False, True]
     assert [frame.is_on_background for frame in scene.with_masks("background").frames] == [True] * 3
+    (tmp_path / "other/m1.png").unlink()
+    with pytest.warns(InputWarning) as said:
+        assert load_scene(tmp_path).frames[1].mask is None
+    assert "1 masks" in str(said[0].message) and "m1.png" in str(said[0].message)
     frames[0]["mask_path"] = "../outside.png"
     (tmp_path / "transforms.json").write_text(json.dumps({"fl_x": 30, "w": WIDTH, "h": HEIGHT, "frames": frames}))
     with refusing(InputError, r"frames\[0\].mask_path: '../outside.png' leaves"):

@@ -9,7 +9,7 @@ import pytest
 from scenes import make_cameras
 
 from tinysplat_runtime.errors import InputWarning
-from tinysplat_runtime.scene.intake.photos import find_photo, frames_there, photos_in
+from tinysplat_runtime.scene.intake.photos import find_photo, frames_there, own_photos, photos_in
 from tinysplat_runtime.scene.scenes import Frame
 from tinysplat_runtime.system.files import stays_inside
 
@@ -56,6 +56,19 @@ def test_photos_of_a_folder_are_in_order_without_hidden_ones(tmp_path: Path) -> 
     having(tmp_path, "b.JPG", "a.png", "._a.png", "notes.txt", "c.jpeg")
     assert [path.name for path in photos_in(tmp_path)] == ["a.png", "b.JPG", "c.jpeg"]
     assert photos_in(tmp_path / "nowhere") == []
+
+
+def test_masks_depths_and_normals_of_others_are_nobody_s_photos(tmp_path: Path) -> None:
+    beside = (
+        "r_0_depth_0001.png",
+        "r_0_normal_0001.png",
+        "dynamic_mask_r_0.png",
+        "b.jpg.mask.png",
+        "b_Mask.png",
+        "mask.png",
+    )
+    having(tmp_path, "r_0.png", "b.jpg", "unmasked.png", "depth.png", *beside)
+    assert [path.name for path in own_photos(tmp_path)] == ["b.jpg", "depth.png", "r_0.png", "unmasked.png"]
 
 
 def test_photos_that_are_gone_and_those_without_a_camera_are_counted(tmp_path: Path) -> None:

@@ -28,8 +28,8 @@ from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
 from tinysplat_runtime.scene.images import PHOTO_SUFFIXES, image_size, read_image
 from tinysplat_runtime.scene.intake.depths import observed_range
-from tinysplat_runtime.scene.intake.masks import are_masks, masks_of
-from tinysplat_runtime.scene.intake.photos import photos_in
+from tinysplat_runtime.scene.intake.masks import masks_of
+from tinysplat_runtime.scene.intake.photos import own_photos
 from tinysplat_runtime.scene.masks import Mask
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.spacing import Spacing
@@ -374,9 +374,7 @@ def _photo_names(folder: Path) -> list[str]:
     if not folder.is_dir():
         fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({KINDS})"
         raise InputError(fault, where=str(folder))
-    names = [path.name for path in photos_in(folder)]
-    masks = are_masks(names)
-    names = [name for name in names if name not in masks]
+    names = [path.name for path in own_photos(folder)]
     heics = [] if heic.is_installed() else [name for name in names if name.lower().endswith(heic.SUFFIXES)]
     readable = [name for name in names if name not in heics]
     if heics:

@@ -31,11 +31,13 @@ class Mask:
         path: a picture of the photo's shape.
         is_background: whether nothing is where they do not; otherwise something moves there.
         is_opacity: whether it is the photo itself, whose opacities say so.
+        is_inverted: whether white is left out and black is kept, as instant-ngp has it.
     """
 
     path: Path
     is_background: bool
     is_opacity: bool = False
+    is_inverted: bool = False
 
     def kept(self, height: int, width: int) -> NDArray:
         """(height, width) uint8 of a photo of that size: 255 where pixels count, else 0.
@@ -46,7 +48,8 @@ class Mask:
         levels = self._levels()
         if levels.shape == (width, height) != (height, width):
             levels = self._levels(upright=False)  # as the photo is then taken, too
-        kept = np.where(levels >= (_HALF if levels.max() >= _HALF else 1), np.uint8(255), np.uint8(0))
+        is_white = levels >= (_HALF if levels.max() >= _HALF else 1)
+        kept = np.where(is_white != self.is_inverted, np.uint8(255), np.uint8(0))
         rows, columns = kept.shape
         if (rows, columns) == (height, width):
             return kept

@@ -8,6 +8,7 @@ leaves such files on foreign disks.
 
 from __future__ import annotations
 
+import re
 import time
 import unicodedata
 from collections import defaultdict
@@ -27,8 +28,12 @@ SMALLER = {"images": ("images_2", "images_4", "images_8")}
 
 _SETTLED_NS = 2_000_000_000  # since a folder's last change, whose time has grains
 
-_BESIDE = (".mask", "_mask", ".depth", "_depth", *PHOTO_SUFFIXES)
-"""Ends of a name, before the ending, of the mask or the depth map of a photo."""
+MASK_ENDS, INVERTED, ALL = (".mask", "_mask"), "dynamic_mask_", "mask"
+"""Ends of a name, before the ending, of a mask beside its photo; how instant-ngp's begins, whose white is left out; and
+the name of a mask of all photos."""
+
+_COMPANION = re.compile(rf"(?:{INVERTED})?(.+?)(?:[._](?:mask|depth|normals?|alpha)(?:_\d+)?)?", re.IGNORECASE)
+"""What tools put beside a photo: Blender, for instance, `a_depth_0001.png`."""
 
 
 def photos_in(folder: Path) -> list[Path]:
@@ -37,6 +42,20 @@ def photos_in(folder: Path) -> list[Path]:
         return sorted(path for path in folder.iterdir() if is_photo(path.name))
     except OSError:
         return []
+
+
+def own_photos(folder: Path) -> list[Path]:
+    """The photos of a folder but for what tools put beside them: masks, depths and normals."""
+    photos = photos_in(folder)
+    names = {path.name.lower() for path in photos}
+    known = names | {Path(name).stem for name in names}
+
+    def is_own(stem: str) -> bool:
+        base = _COMPANION.fullmatch(stem)
+        is_of_another = stem in names or (base is not None and base[1] != stem and base[1] in known)
+        return not is_of_another and (stem != ALL or len(names) == 1)
+
+    return [path for path in photos if is_own(path.stem.lower())]
 
 
 def is_photo(name: str) -> bool:
@@ -139,7 +158,7 @@ def _there(photos: Sequence[Path], where: str) -> list[int]:
     kept = sorted({*range(len(photos))}.difference(missing))
     used = {photos[i] for i in kept}
     folders = sorted({photo.parent for photo in used})
-    there = {path for folder in folders for path in photos_in(folder) if not path.stem.lower().endswith(_BESIDE)} | used
+    there = {path for folder in folders for path in own_photos(folder)} | used
     if len(there) > len(used):
         place = f"{folders[0].name}/" if len(folders) == 1 else f"{len(folders)} folders"
         warn(f"{where}: {len(used)} of {len(there)} photos in {place} have a camera; the others are not used")
