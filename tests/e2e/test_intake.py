@@ -10,6 +10,7 @@ import numpy as np
 import pillow_heif
 import pytest
 from console import fail, tinysplat
+from PIL import Image
 from poses.walls import HEIGHT, WIDTH, write_photos_of_walls
 from scenes import tells, write_scene
 
@@ -108,11 +109,40 @@ def test_photos_of_every_kind_and_nobody_s_files(tmp_path: Path) -> None:
     pixels = read_image(photos / "1.png")
     (photos / "1.png").unlink()
     pillow_heif.from_bytes("RGB", (WIDTH, HEIGHT), pixels.tobytes()).save(photos / "IMG 1.HEIC", quality=90)
+    for name, kind in (("2", "webp"), ("3", "tif")):
+        Image.open(photos / f"{name}.png").save(photos / f"{name}.{kind}", lossless=True)
+        (photos / f"{name}.png").unlink()
+    (photos / "4.dng").write_bytes(b"raw")
     for name in ("._0.png", "._IMG 1.HEIC", ".DS_Store", "Thumbs.db", "desktop.ini"):
         (photos / name).write_bytes(bytes.fromhex("00051607000200004d6163204f532058") + bytes(99))
     done = tinysplat("poses", photos, "-o", tmp_path / "scene")
-    assert done.returncode == 0 and "left out" not in done.stderr, done.stderr
+    assert done.returncode == 0 and "1 of 6 photos (1 .dng)" in done.stderr, done.stderr
     assert "apart" in done.stderr and len(load_scene(tmp_path / "scene").images()) == 5
+
+
+def test_a_folder_without_photos_says_which_folders_in_it_have_some(tmp_path: Path) -> None:
+    (tmp_path / "DCIM").mkdir()
+    for name in ("DCIM/100APPLE", "DCIM/101APPLE"):
+        write_photos_of_walls(tmp_path / name, views=2)
+    said = fail("poses", tmp_path, "-o", tmp_path / "scene")
+    assert "DCIM/100APPLE/ has 2" in said and "DCIM/101APPLE/ has 2" in said
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw/a.NEF").touch()
+    assert "1 .nef" in fail("poses", tmp_path / "raw", "-o", tmp_path / "scene")
+
+
+def test_a_part_of_a_sphere_is_refused(tmp_path: Path) -> None:
+    said = "".join(
+        f'GPano:{kind}{side}Pixels="{pixels}" '
+        for kind, factor in (("FullPano", 2), ("CroppedAreaImage", 1))
+        for side, pixels in (("Width", 64 * factor), ("Height", 32 * factor))
+    )
+    (tmp_path / "photos").mkdir()
+    for i in range(2):
+        pixels = np.full((32, 64, 3), i, np.uint8)
+        xmp = f'<x GPano:ProjectionType="equirectangular" {said}/>'.encode()
+        Image.fromarray(pixels).save(tmp_path / f"photos/{i}.jpg", xmp=xmp)
+    assert "64x32 of 128x64" in fail("poses", tmp_path / "photos", "-o", tmp_path / "scene")
 
 
 def test_bad_input_of_poses_is_one_line(tmp_path: Path) -> None:

@@ -188,12 +188,39 @@ def test_flipped_bits_in_a_png_are_refused(tmp_path: Path) -> None:
         refusal(tmp_path, bytes(damaged))
 
 
+@pytest.mark.parametrize(("kind", "options"), [("WEBP", {"lossless": True}), ("TIFF", {"compression": "tiff_lzw"})])
+@pytest.mark.parametrize("profile", [None, "Display P3"])
+def test_webp_and_tiff_show_what_the_same_photo_shows_as_png(tmp_path: Path, kind: str, options, profile) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    image = Image.fromarray(photo_like(24, 40))
+    said = {"exif": exif, **({"icc_profile": icc_profile(profile)} if profile else {})}
+    wanted = read_bytes(tmp_path, encoded(image, "PNG", **said))
+    np.testing.assert_array_equal(read_bytes(tmp_path, encoded(image, kind, **said, **options)), wanted)
+    assert image_size(tmp_path / "photo") == (40, 24)
+    clear = Image.fromarray(photo_like(24, 40, 4))
+    seen = (read_bytes(tmp_path, encoded(clear, one)) for one in ("PNG", "TIFF"))
+    np.testing.assert_array_equal(*seen)
+    data = encoded(image, kind, **options)
+    for damaged in (data[:30], data[: len(data) // 2]):
+        assert tells(refusal(tmp_path, damaged), "TIFF")
+
+
+def test_a_tiff_of_16_bits_is_rounded_and_raw_data_refused(tmp_path: Path) -> None:
+    grey = photo_like(16, 24)[..., 0].astype(np.uint16) * 257
+    np.testing.assert_array_equal(read_bytes(tmp_path, encoded(Image.fromarray(grey), "TIFF"))[..., 1], grey // 257)
+    raw = encoded(Image.fromarray(photo_like(16, 24)), "TIFF", tiffinfo={0xC612: b"\1\4\0\0"})
+    assert tells(refusal(tmp_path, raw), "DNG")
+
+
 def test_foreign_files_and_kinds_are_refused_with_what_would_do(tmp_path: Path) -> None:
     image = Image.fromarray(photo_like(8, 8))
     jpeg = encoded(image, "JPEG")
     frame, scan = jpeg.index(b"\xff\xc0"), jpeg.index(b"\xff\xda")
     for data, words in (
         (encoded(image, "GIF"), "GIF JPEG PNG"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "LFS"),
+        (b"\n<!DOCTYPE html><html></html>", "web page"),
         (b"", "JPEG PNG"),
         (encoded(image.convert("CMYK"), "JPEG"), "CMYK"),
         (jpeg[: frame + 1] + b"\xc9" + jpeg[frame + 2 :], "JPEG"),  # arithmetic coding

@@ -216,6 +216,23 @@ def test_colmap_projects_are_found_where_tools_put_them(folder: Path, place: str
     np.testing.assert_array_equal(scene.images()[0], make_photo(HEIGHT, WIDTH, seed=0) / np.float32(255))
 
 
+@pytest.mark.parametrize("place", ["sparse/0", "distorted/sparse/0"])
+def test_photos_of_3dgs_lie_in_input(folder: Path, place: str) -> None:
+    write_text_model(folder / place)
+    (folder / "images").rename(folder / "input")
+    assert len(load_scene(folder).images()) == 3
+    shutil.copytree(folder / "input", folder / "images")  # without distortion, as its convert.py writes them
+    assert load_scene(folder).frames[0].path.parent.name == ("input" if "distorted" in place else "images")
+    write_text_model(folder / "sparse/1")
+    assert load_scene(folder).frames[0].path.parent.name == "images"
+
+
+def test_half_of_a_model_names_the_file_that_is_lacking(folder: Path) -> None:
+    make_binary(write_text_model(folder / "text"), folder / "sparse/0")
+    (folder / "sparse/0/images.bin").unlink()
+    assert tells(refusal(folder), "sparse/0 images.bin")
+
+
 def change_text(file: Path, *changes: tuple[str, str]) -> None:
     text = file.read_text()
     for old, new in changes:

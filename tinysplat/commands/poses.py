@@ -6,6 +6,7 @@ import math
 import sys
 import tempfile
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -18,15 +19,15 @@ from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
 from tinysplat.poses.judging import Placement
 from tinysplat.poses.model import coloured_points, placed_photos
-from tinysplat.poses.panoramas import FACES, Wedge, check_shape, face, kept, says_panorama, side_of
+from tinysplat.poses.panoramas import FACES, Wedge, check_shape, check_whole, face, kept, says_panorama, side_of
 from tinysplat.poses.placing import MASKS, NonePlacedError, place
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene import heic
+from tinysplat_runtime.scene import heic, pillow
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import PHOTO_SUFFIXES, image_size, read_image
+from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, image_size, read_image
 from tinysplat_runtime.scene.intake.depths import observed_range
 from tinysplat_runtime.scene.intake.masks import masks_of
 from tinysplat_runtime.scene.intake.photos import own_photos
@@ -55,6 +56,9 @@ ROUNDS = 3
 MOST_PANORAMAS, HALF = 32, 128
 """Frames of a 360° video where nobody says how many, six photos each; level of a mask from which on pixels count."""
 
+MOST_NAMED = 6
+"""Folders that are named where photos are in these."""
+
 ASIDE = "walk sideways or around what you film, by a tenth of its distance and more, with the camera towards it"
 
 
@@ -69,7 +73,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "photos",
         metavar="PHOTOS",
-        help=f"folder of photos (.jpg, .png, .heic) of one static place, or a video: {KINDS}",
+        help=f"folder of photos (.jpg, .png, .heic, .webp, .tif) of one static place, or a video: {KINDS}",
     )
     parser.add_argument("-o", "--output", required=True, metavar="SCENE", help="folder to write, new or empty")
     parser.add_argument(
@@ -316,6 +320,7 @@ def _panoramas(
             yield f"frame_{index:06}.jpg", picture, None
         return
     for name in found:
+        check_whole(source / name)
         height, width = image_size(source / name)
         check_shape(height, width, str(source / name))
     twins = copies(source, found)
@@ -370,21 +375,39 @@ def _masks(source: Path, names: Mapping[str, str], photos: Path) -> dict[str, Ma
 
 
 def _photo_names(folder: Path) -> list[str]:
-    """Names of the photos in a folder; says which are HEIC that cannot be read."""
+    """Names of the photos in a folder; says which cannot be read here, and where photos are if it has none."""
     if not folder.is_dir():
         fault = "no such folder" if not folder.exists() else f"a file, expected a folder or a video ({KINDS})"
         raise InputError(fault, where=str(folder))
-    names = [path.name for path in own_photos(folder)]
-    heics = [] if heic.is_installed() else [name for name in names if name.lower().endswith(heic.SUFFIXES)]
-    readable = [name for name in names if name not in heics]
-    if heics:
-        said = f"{len(heics)} of {len(names)} photos are HEIC; {heic.INSTALL} reads them"
-        if len(readable) < 2:
-            raise InputError(said, where=str(folder))
-        _say(folder, f"{said}, now they are left out: {', '.join(heics)}")
+    others = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in NOT_READ and path.name[0] != "."]
+    left: dict[str, list[str]] = {"": []}
+    for name in [path.name for path in (*own_photos(folder), *others)]:
+        left.setdefault(_why_unread(name), []).append(name)
+    count = sum(map(len, left.values()))
+    readable = left.pop("")
+    said = [f"{len(names)} of {count} photos ({_kinds(names)}) are not read; {how}" for how, names in left.items()]
     if len(readable) < 2:
-        raise InputError(f"{len(readable)} photos ({', '.join(PHOTO_SUFFIXES)}), expected 2 or more", where=str(folder))
+        inside = [path for pattern in ("*", "*/*") for path in sorted(folder.glob(pattern)) if path.is_dir()]
+        said += [f"{path.relative_to(folder)}/ has {n}" for path in inside if (n := len(own_photos(path)))][:MOST_NAMED]
+        fault = f"{len(readable)} photos in it ({', '.join(PHOTO_SUFFIXES)}), expected 2 or more"
+        raise InputError("; ".join([fault, *said]), where=str(folder))
+    for line in said:
+        _say(folder, f"{line}, now they are left out")
     return readable
+
+
+def _why_unread(name: str) -> str:
+    """What reads a photo that is not read here; nothing where it is."""
+    kind = Path(name).suffix.lower()
+    for reader in (heic, pillow):
+        if kind in reader.SUFFIXES and not reader.is_installed():
+            return f"{reader.INSTALL} reads them"
+    return "convert them to JPEG first" if kind in NOT_READ else ""
+
+
+def _kinds(names: Sequence[str]) -> str:
+    counts = Counter(Path(name).suffix.lower() for name in names)
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 
 def _check_output(folder: Path) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tinysplat_runtime.scene.heic import SUFFIXES as HEIC
 from tinysplat_runtime.scene.images import is_turned, read_image
 from tinysplat_runtime.scene.pictures import jpeg_bytes, png_bytes
+from tinysplat_runtime.scene.pillow import SUFFIXES as OTHERS
 from tinysplat_runtime.system.told import NOBODY, Told
 
 
@@ -28,7 +29,7 @@ def copies(photos: Path, names: Sequence[str]) -> dict[str, str]:
 
 
 def upright_copies(photos: Path, names: Sequence[str], folder: Path, told: Told = NOBODY) -> tuple[dict[str, str], int]:
-    """Photos in a folder as a viewer shows them, by links where that is how they are stored; HEIC as JPEG.
+    """Photos in a folder as a viewer shows them, by links where that is how they are stored; other kinds as JPEG.
 
     Returns:
         What each is called there, by name, and how many their Exif orientation turns.
@@ -37,12 +38,12 @@ def upright_copies(photos: Path, names: Sequence[str], folder: Path, told: Told 
     turned = 0
     for name in told.progress("copying photos", names):
         stem, suffix = "_".join(Path(name).stem.split()), Path(name).suffix.lower()  # COLMAP's lists split at spaces
-        is_heic = suffix in HEIC
-        kind = ".jpg" if is_heic else suffix
+        is_foreign = suffix in (*HEIC, *OTHERS)  # to COLMAP
+        kind = ".jpg" if is_foreign else suffix
         free = (f"{stem}{f'_{n}' if n > 1 else ''}{kind}" for n in itertools.count(1))
         copy = called[name] = next(one for one in free if not (folder / one).exists())
-        if is_heic or is_turned(photos / name):
-            turned += not is_heic
+        if is_foreign or is_turned(photos / name):
+            turned += suffix not in HEIC and is_turned(photos / name)
             (folder / copy).write_bytes(encoded(read_image(photos / name), copy))
             continue
         try:

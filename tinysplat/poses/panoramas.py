@@ -35,6 +35,7 @@ _HEAD_BYTES = 1 << 20
 _MOVIE_BYTES = 64 << 20
 """Largest description of a video that is looked through."""
 
+_AREA = re.compile(rb"GPano:(FullPano|CroppedAreaImage)(Width|Height)Pixels(?:=[\"']|>)\s*(\d{1,6})")
 _XMP = re.compile(rb"ProjectionType(?:=[\"']|>)equirectangular")
 _UUID = bytes.fromhex("ffcc82 63f855 4a93 8814 587a 02521fdd")
 
@@ -98,6 +99,17 @@ def check_shape(height: int, width: int, where: str) -> None:
         fault = f"{width}x{height} pixels, expected twice as wide as high, as whole equirectangular pictures are"
         stereo = "; two above each other are stereo, of which ffmpeg's filter crop takes one" if width == height else ""
         raise InputError(f"{fault}{stereo}", where=where)
+
+
+def check_whole(photo: Path) -> None:
+    """InputError where a photo says that it is a part of a sphere, as a phone's panorama is."""
+    with photo.open("rb") as file:
+        sides = {(kind, side): int(pixels) for kind, side, pixels in _AREA.findall(file.read(_HEAD_BYTES))}
+    kinds = (b"FullPano", b"CroppedAreaImage")
+    full, area = ([sides.get((kind, side)) for side in (b"Width", b"Height")] for kind in kinds)
+    if None not in (*full, *area) and full != area:
+        said = "a part of a sphere, {}x{} of {}x{} pixels".format(*area, *full)
+        raise InputError(f"{said}; expected the whole one, or photos that are no panoramas", where=str(photo))
 
 
 def side_of(height: int) -> int:

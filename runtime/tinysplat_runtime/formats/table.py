@@ -102,6 +102,20 @@ FORMATS = (
 )  # fmt: skip
 
 
+_ARCHIVE = "an archive: unpack it first and name the file in it"
+_CONVERTED = "not read; splat-transform (npm, @playcanvas/splat-transform) converts it to .ply"
+
+NOT_READ = dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".xz", ".zst"), _ARCHIVE) | {
+    ".ksplat": _CONVERTED,
+    ".lcc": _CONVERTED,
+    ".splatv": "a scene that moves, of which no format here keeps more than a moment; export one as .ply",
+    ".pt": "a checkpoint of PyTorch: export .ply with the tool that trained it",
+    ".pth": "a checkpoint of PyTorch: export .ply with the tool that trained it",
+    ".ckpt": "a checkpoint of PyTorch: export .ply with the tool that trained it (`ns-export gaussian-splat`)",
+}
+"""Endings of files in which Gaussians are, too, and what to do with them."""
+
+
 def endings(*, written: bool) -> tuple[str, ...]:
     """Endings of the files that are read, or written."""
     chosen = [form for form in FORMATS if (form.write if written else form.read) is not None]
@@ -130,6 +144,8 @@ def find_format(path: StrPath, *, written: bool) -> Format:
     if not fitting and Path(path).is_dir():
         fault = "a folder, expected a file; `tinysplat encode` makes one of a scene"
         raise InputError(fault, where=str(path))
+    if not fitting and not written and (how := NOT_READ.get(Path(path).suffix.lower())):
+        raise InputError(how, where=str(path))
     if not fitting:
         raise InputError(f"suffix '{Path(path).suffix.lower()}', expected {', '.join(accepted)}", where=str(path))
     ending = max(fitting, key=len)

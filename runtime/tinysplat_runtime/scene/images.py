@@ -3,7 +3,7 @@
 Trust boundary: a file's own headers are walked first. Its size in pixels is checked before anything is decoded, a
 file cut short is refused, and only the parts that pixels depend on go to libavcodec, so neither a compressed text nor
 an embedded preview can cost memory or change a colour. Colours of an ICC profile, of PNG's cICP and of Adobe RGB become
-sRGB (`colours`); PNG's gAMA and cHRM are ignored, as most tools do. HEIC goes to `heic`.
+sRGB (`colours`); PNG's gAMA and cHRM are ignored, as most tools do. HEIC goes to `heic`, WebP and TIFF to `pillow`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, within
 from ..system.files import StrPath, read_limited
-from . import heic
+from . import heic, pillow
 from .cameras import MAX_IMAGE_SIDE
 from .colours import Colours, adobe_rgb, of_code_points, of_icc, to_srgb
 from .exif import is_adobe_rgb, orientation
@@ -35,15 +35,14 @@ MAX_FILE_BYTES = 8 * MAX_PIXELS
 MAX_PROFILE_BYTES = 1 << 24
 """Largest ICC profile looked at; a display's takes some hundred bytes, a printer's up to a few million."""
 
-PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", *heic.SUFFIXES)
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", *heic.SUFFIXES, *pillow.SUFFIXES)
+"""Endings of photos."""
 
-_OTHERS = {
-    "WebP": rb"RIFF....WEBP",
-    "GIF": rb"GIF8[79]a",
-    "TIFF": rb"II\*\0|MM\0\*",
-    "BMP": rb"BM....\0\0\0\0",
-    "AVIF": rb"....ftypavi[fs]",
-}
+NOT_READ = (".dng", ".insp", ".avif", ".jxl", ".gif", ".bmp", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
+"""Endings of photos that are not read: of cameras' raw data, of Insta360's two fisheyes and of other kinds."""
+
+_OTHERS = {"GIF": rb"GIF8[79]a", "BMP": rb"BM....\0\0\0\0", "AVIF": rb"....ftypavi[fs]"}
+_TEXTS = re.compile(rb"\s*(?:(version https://git-lfs)|<(?:!doctype|html|\?xml))", re.IGNORECASE)
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_COLOUR_TYPE, _PNG_WITH_ALPHA = 25, (b"\4", b"\6")  # where the header says so: grey or colour, and alpha
 _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
@@ -79,7 +78,7 @@ class _Stripped:
 
 
 def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArray:
-    """Decode a JPEG, PNG or HEIC file.
+    """Decode a JPEG, PNG, HEIC, WebP or TIFF file.
 
     Grey and palette images become RGB; 16-bit samples are rounded to 8 bits; transparency is composited over black,
     the rasteriser's background. The Exif orientation is applied, so height and width are those a viewer shows; not so
@@ -90,13 +89,15 @@ def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArr
         (H, W, 3) uint8, sRGB, or as many times fewer rows and columns.
 
     Raises:
-        InputError: names the file, which is missing, cut short, damaged, over MAX_PIXELS, of another kind, or HEIC
-            where no package reads that.
+        InputError: names the file, which is missing, cut short, damaged, over MAX_PIXELS, of another kind, or of
+            one that no package here reads.
     """
     photo = _headers(path)
     with within(str(path)):
         if photo.codec == "heic":
             pixels = _opaque(*heic.decoded(heic.opened(photo.data)))
+        elif photo.codec == "pillow":
+            pixels = _opaque(*pillow.decoded(pillow.opened(photo.data)[0]))
         else:
             pixels = _opaque(_samples_of(_decode(photo, shrink), photo.is_16_bit), photo.colours)
     return _orient(pixels, photo.orientation) if upright else pixels
@@ -122,7 +123,7 @@ def read_opacity(path: StrPath, *, upright: bool = True) -> NDArray:
 
 
 def image_size(path: StrPath) -> tuple[int, int]:
-    """(height, width) of a JPEG, PNG or HEIC file as `read_image` would deliver it, from its headers alone.
+    """(height, width) of a photo as `read_image` would deliver it, from its headers alone.
 
     Raises:
         InputError: names the file, which is missing, cut short, too large, or of another kind.
@@ -157,9 +158,16 @@ def _strip(data: bytes) -> _Stripped:
     if heic.is_heic(data):
         width, height = heic.opened(data).size
         return _Stripped("heic", data, width, height, is_16_bit=False, orientation=1, colours=None)
+    if pillow.is_read(data):
+        picture, turned = pillow.opened(data)
+        return _Stripped("pillow", data, picture.width, picture.height, False, turned, None)
+    if text := _TEXTS.match(data):
+        pointer, page = "a Git LFS pointer; `git lfs pull` brings the photo", "a web page, no photo: download it again"
+        raise InputError(pointer if text[1] else page)
     other = next((name for name, start in _OTHERS.items() if re.match(start, data, re.DOTALL)), None)
-    fault = f"{other}, expected" if other else f"starts with {data[:4].hex(' ') or 'nothing'}, expected"
-    raise InputError(f"{fault} a JPEG, PNG or HEIC image{f': `ffmpeg -i a.{other.lower()} a.png`' if other else ''}")
+    fault = other or f"starts with {data[:4].hex(' ') or 'nothing'}"
+    how = f": `ffmpeg -i a.{other.lower()} a.png`" if other else ""
+    raise InputError(f"{fault}, expected a JPEG, PNG, HEIC, WebP or TIFF image{how}")
 
 
 def _strip_png(data: bytes) -> _Stripped:

@@ -27,30 +27,47 @@ from .photos import find_folder, find_photo, frames_there, is_there, lens_of_cop
 
 MODEL_FOLDERS = (
     "sparse", "sparse/*", "colmap/sparse", "colmap/sparse/*", "dense/sparse", "dense/*/sparse", "colmap",
+    "distorted/sparse", "distorted/sparse/*",
 )  # fmt: skip
 """Where tools put models, the likelier first; a folder may be a model itself, too."""
 
 _MOST_MODELS = 200
-_NEEDED = ("cameras", "images")
+_NEEDED, _SUFFIXES = ("cameras", "images"), (".bin", ".txt")
+_DISTORTED, _FOLDERS = "distorted", ("images", "input")  # of photos; 3DGS calls them as they were taken `input`
 _HEADER = re.compile(rb"#\s*Number of images:\s*(\d{1,9})")
 _HEADER_BYTES = 1000
 
 
 def model_folder(folder: Path) -> Path | None:
-    """Where a project folder keeps its largest model, or None."""
-    return max(_models(folder), key=_size, default=None)
+    """Where a project folder keeps its largest model, or None; 3DGS' models of distorted photos come last.
+
+    Raises:
+        InputError: there is no model, but half of one.
+    """
+    found = max(_models(folder), key=lambda model: (_DISTORTED not in model.parts, _size(model)), default=None)
+    for place in _places(folder) if found is None else ():
+        there = {file.name for part in _NEEDED for file in place.glob(f"{part}.*") if file.suffix in _SUFFIXES}
+        if there:
+            lacking = " or ".join(
+                f"{part}{end}" for end in _SUFFIXES for part in _NEEDED if f"{part}{end}" not in there
+            )
+            raise InputError(f"a COLMAP model of {', '.join(sorted(there))} lacks {lacking}", where=str(place))
+    return found
 
 
 def _models(folder: Path) -> list[Path]:
     """Folders with a model, the likelier first."""
+    return [place for place in (*_places(folder), folder) if _suffix(place)]
+
+
+def _places(folder: Path) -> list[Path]:
     inside = (place for pattern in MODEL_FOLDERS for place in sorted(folder.glob(pattern)))
-    named = (place for place in inside if not place.name.startswith("."))
-    return [place for place in (*islice(named, _MOST_MODELS), folder) if _suffix(place)]
+    return [*islice((place for place in inside if not place.name.startswith(".")), _MOST_MODELS)]
 
 
 def _suffix(model: Path) -> str:
     """`.bin` or `.txt`, where a folder has a model, else nothing."""
-    having = (end for end in (".bin", ".txt") if all((model / f"{part}{end}").is_file() for part in _NEEDED))
+    having = (end for end in _SUFFIXES if all((model / f"{part}{end}").is_file() for part in _NEEDED))
     return next(having, "")
 
 
@@ -110,7 +127,8 @@ def _say_others(folder: Path, model: Path) -> None:
 def _photos(folder: Path, model: Path, names: Sequence[str]) -> list[Path]:
     """Where the photos of these names lie: in the folder nearest to the model that has one of them."""
     above = [Path(os.path.normpath(model / up)) for up in ("", "..", "../..", "../../..")]
-    roots = [root for place in above for root in (find_folder(place, "images"), place) if root is not None]
+    names_of_folders = _FOLDERS[:: -1 if _DISTORTED in model.parts else 1]
+    roots = [root for place in above for name in (*names_of_folders, "") if (root := find_folder(place, name))]
     for root in roots:
         photos = [find_photo(root, name) for name in names]
         if any(is_there(photo) for photo in photos):
