@@ -145,6 +145,15 @@ def test_what_is_wrong_with_poses_is_named(scene: Scene, pose, words: str) -> No
     assert doubted(changed(scene, pose), words)
 
 
+@pytest.mark.parametrize("place", [(454321.5, 5351234.25, 300.0), (4_177_000.5, 855_000.25, 4_727_000.75)])
+@pytest.mark.parametrize("wrong", [None, 1], ids=["right", "another scene"])
+def test_doubts_are_the_same_in_utm_and_ecef(tmp_path: Path, place: tuple[float, ...], wrong: int | None) -> None:
+    """There rounding makes lines of cameras in a row not quite parallel."""
+    here = walls(tmp_path, FOUR, {} if wrong is None else {wrong: another_scene})
+    shift = np.pad(np.array(place)[:, None], ((0, 1), (3, 0)))
+    assert doubts(changed(here, lambda i, c2w: c2w + shift)) == doubts(here)
+
+
 def test_axes_are_told_by_the_convention_of_the_file(scene: Scene) -> None:
     (scene.path / "transforms.json").touch()
     assert doubted(changed(scene, lambda i, c2w: c2w @ np.diag([1.0, -1, -1, 1])), "transform_matrix OpenCV")

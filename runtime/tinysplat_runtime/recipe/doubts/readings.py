@@ -23,6 +23,10 @@ ROUNDS = 12
 """Rounds of reweighted least squares that find where a camera stands."""
 
 
+TOLD = 0.01
+"""Of how well lines tell a shift across most of them: along lines that are nearly parallel, they tell none."""
+
+
 def readings(seen: Seen, cameras: dict[int, Camera]) -> Iterator[tuple[str, Callable[[int], Camera]]]:
     """Other ways to read poses, intrinsics, and which photo is whose: what that says, and the camera of each."""
 
@@ -102,7 +106,9 @@ def _shift(seen: Seen, view: int) -> NDArray:
     tried = np.stack(np.meshgrid(*reach, indexing="ij"), axis=-1).reshape(-1, 2)
     best = tried[(np.abs(off[:, None] - normals @ tried.T) < CLOSER / 2).sum(axis=0).argmax()]
     fits = np.abs(off - normals @ best) < CLOSER
-    shift: NDArray = np.linalg.lstsq(normals[fits], off[fits], rcond=None)[0] if fits.sum() >= 2 else np.zeros(2)
+    if fits.sum() < 2:
+        return np.zeros(2)
+    shift: NDArray = np.linalg.lstsq(normals[fits], off[fits], rcond=TOLD)[0]
     return shift
 
 
@@ -119,17 +125,17 @@ def _moved(seen: Seen, view: int) -> Camera | None:
         across = np.cross(ray / np.linalg.norm(ray, axis=1, keepdims=True), its_ray)
         across /= np.linalg.norm(its_ray, axis=1, keepdims=True)
         normals.append(across)
-        ends.append(across @ its.centre)
+        ends.append(across @ (its.centre - camera.centre))
     rows, ends_of = np.concatenate(normals), np.concatenate(ends)
     if len(rows) < 2 * len(camera.centre):
         return None
-    weight, centre = np.ones(len(rows)), camera.centre
+    weight, centre = np.ones(len(rows)), np.zeros(3)
     for _ in range(ROUNDS):
         centre, *_ = np.linalg.lstsq(rows * weight[:, None], ends_of * weight, rcond=None)
         off = np.abs(rows @ centre - ends_of)
         weight = 1 / np.sqrt(off + np.median(off).clip(1e-9) / 4)
     c2w = camera.c2w.copy()
-    c2w[:3, 3] = centre
+    c2w[:3, 3] += centre
     try:
         return replace(camera, c2w=c2w)
     except InputError:  # beyond where a camera may stand
