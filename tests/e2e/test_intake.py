@@ -11,7 +11,7 @@ import pillow_heif
 import pytest
 from console import fail, tinysplat
 from PIL import Image
-from poses.walls import HEIGHT, WIDTH, write_photos_of_walls
+from poses.walls import FOCAL, HEIGHT, WIDTH, write_photos_of_walls
 from scenes import tells, write_scene
 
 from tinysplat_runtime.scene.images import read_image
@@ -72,6 +72,26 @@ def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
     np.testing.assert_allclose(steps, 0.35, rtol=0.05)
     near, far = (unit * depth for depth in scene.depth_range())
     assert 2.5 < near < 4 < 5 < far < 9  # calibrated by itself
+
+
+@pytest.mark.parametrize("says", ["focal length", "of 35 mm", "digital zoom"])
+def test_photos_of_two_lenses_have_two_cameras(tmp_path: Path, says: str) -> None:
+    focals = (FOCAL, 1.6 * FOCAL)
+    cameras = write_photos_of_walls(tmp_path / "photos", views=8, focals=focals)
+    for i in range(8):
+        exif, zoom = Image.Exif(), focals[i % 2] / FOCAL
+        exif.get_ifd(0x8769).update({"focal length": {0x920A: 5.7 * zoom}, "of 35 mm": {0xA405: round(34 * zoom)},
+                              "digital zoom": {0x920A: 5.7, 0xA404: zoom}}[says])  # fmt: skip
+        Image.open(tmp_path / f"photos/{i}.png").save(tmp_path / f"photos/{i}.jpg", quality=95, exif=exif)
+        (tmp_path / f"photos/{i}.png").unlink()
+    done = tinysplat("poses", tmp_path / "photos", "-o", tmp_path / "scene")
+    assert done.returncode == 0 and "2 lenses" in done.stderr, done.stderr
+    found = load_scene(tmp_path / "scene").cameras
+    for camera, other in zip(found[::2], found[1::2], strict=True):
+        assert abs(other.focal / camera.focal / 1.6 - 1) < 0.02
+    steps = np.linalg.norm(np.diff([camera.centre for camera in found], axis=0), axis=1)
+    truth = np.linalg.norm(np.diff([camera.centre for camera in cameras], axis=0), axis=1)
+    np.testing.assert_allclose(steps / steps.mean(), truth / truth.mean(), rtol=0.1)
 
 
 def write_clip(path: Path, photos: Path, count: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -45,12 +47,14 @@ def photograph(camera: Camera, walls: list[tuple[float, float, NDArray]]) -> NDA
     return photo.round().astype(np.uint8)
 
 
-def write_photos_of_walls(folder: Path, views: int, spacing: float = 0.35) -> list[Camera]:
-    """Write photos 0.png, 1.png … of two walls into a new folder; returns their cameras."""
+def write_photos_of_walls(
+    folder: Path, views: int, spacing: float = 0.35, focals: Sequence[float] = (FOCAL,)
+) -> list[Camera]:
+    """Write photos 0.png, 1.png … of two walls, of these focal lengths by turns, into a new folder; their cameras."""
     walls = [(6.0, 5.0, textured(0)), (3.5, 0.8, textured(1))]
     cameras = [
-        Camera([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]], camera.c2w, WIDTH, HEIGHT)
-        for camera in make_cameras(views, HEIGHT, WIDTH, spacing=spacing)
+        Camera([[f, 0, WIDTH / 2], [0, f, HEIGHT / 2], [0, 0, 1]], camera.c2w, WIDTH, HEIGHT)
+        for camera, f in zip(make_cameras(views, HEIGHT, WIDTH, spacing=spacing), cycle(focals), strict=False)
     ]
     folder.mkdir()
     for i, camera in enumerate(cameras):

@@ -18,7 +18,8 @@ from PIL import Image, ImageCms, ImageOps
 from scenes import refusing, tells
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.images import MAX_PIXELS, image_size, is_turned, read_image
+from tinysplat_runtime.scene.exif import taken_with as exif_taken_with
+from tinysplat_runtime.scene.images import MAX_PIXELS, image_size, is_turned, read_image, taken_with
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.resampling import resize_cover, scaled
 
@@ -204,6 +205,19 @@ def test_webp_and_tiff_show_what_the_same_photo_shows_as_png(tmp_path: Path, kin
     data = encoded(image, kind, **options)
     for damaged in (data[:30], data[: len(data) // 2]):
         assert tells(refusal(tmp_path, damaged), "TIFF")
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+def test_lenses_are_told_by_exif(tmp_path: Path, kind: str) -> None:
+    said = []
+    for make, focal in ((b"Canon", 24.0), (b"Canon", 35.0), (b"Sony", 35.0), (b"Sony", 35.0)):
+        exif = Image.Exif()
+        exif[0x010F] = make.decode()
+        exif.get_ifd(0x8769).update({0x920A: focal, 0xA405: round(1.5 * focal), 0xA434: "of glass"})
+        read_bytes(tmp_path, encoded(Image.fromarray(photo_like(8, 8)), kind, exif=exif))
+        said.append(taken_with(tmp_path / "photo"))
+    assert len(set(said)) == 3 and said[2] == said[3] == (b"Sony", None, b"of glass", 35.0, 52, None)
+    assert set(exif_taken_with(b"II*\0\10\0\0\0\xff\xff")) == {None}
 
 
 def test_a_tiff_of_16_bits_is_rounded_and_raw_data_refused(tmp_path: Path) -> None:

@@ -21,13 +21,14 @@ from tinysplat.poses.judging import Placement
 from tinysplat.poses.model import coloured_points, placed_photos
 from tinysplat.poses.panoramas import FACES, Wedge, check_shape, check_whole, face, kept, says_panorama, side_of
 from tinysplat.poses.placing import MASKS, NonePlacedError, place
+from tinysplat.poses.still import still_masks
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene import heic, pillow
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, image_size, read_image
+from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, image_size, read_image, taken_with
 from tinysplat_runtime.scene.intake.depths import observed_range
 from tinysplat_runtime.scene.intake.masks import masks_of
 from tinysplat_runtime.scene.intake.photos import own_photos
@@ -129,11 +130,14 @@ def run(args: Namespace) -> None:
             if is_panorama:
                 names, masks, placement = _of_panoramas(source, found, photos, args, voice)
             elif is_video:
-                names, placement = _of_video(source, photos, args, voice)
+                names, masks, placement = _of_video(source, photos, args, voice)
             else:
                 names = _copied(source, found, photos, voice)
-                masks = _masks(source, names, photos)
-                placement = place(photos, list(names), Path(work), args.threads or -1, told=voice)
+                masks = _masks(source, names, photos) or _still(source, list(names), photos)
+                lenses = {copy: taken_with(source / name) for copy, name in names.items()}
+                if (count := len(set(lenses.values()))) > 1:
+                    voice.say("notice", f"{count} lenses or zooms, as Exif says: each has a camera of its own", source)
+                placement = place(photos, list(names), Path(work), args.threads or -1, lenses=lenses, told=voice)
             _check_placement(placement)
             cameras, (near, far) = _write(output, photos, placement, masks, voice)
         except InputError as error:
@@ -197,8 +201,20 @@ def _remarks(names: Mapping[str, str], placement: Placement, what: str) -> Itera
         yield f"{said}, {most} the most: step aside where you only turned, and take more photos"
 
 
-def _of_video(source: Path, photos: Path, args: Namespace, voice: Voice) -> tuple[dict[str, str], Placement]:
-    """Frames that were written as photos, by name, and where they were taken; more of them where few could be placed.
+def _still(source: Path, names: Sequence[str], photos: Path) -> dict[str, Mask]:
+    """Masks of what stands still in all photos, for COLMAP beside their folder, too; says where that is."""
+    masks, where = still_masks(photos, names, photos.with_name(MASKS))
+    if masks:
+        said = f"something stands still at one place of the picture ({where}) while all else moves"
+        _say(source, f"{said}: a title, a logo or dirt; it is left out of matching, and masked in the scene")
+    return masks
+
+
+def _of_video(
+    source: Path, photos: Path, args: Namespace, voice: Voice
+) -> tuple[dict[str, str], dict[str, Mask], Placement]:
+    """Frames that were written as photos, by name, masks of what stands still in them, and where they were taken; more
+    of them where few could be placed.
 
     Raises:
         InputError: under two thirds could be placed.
@@ -210,12 +226,17 @@ def _of_video(source: Path, photos: Path, args: Namespace, voice: Voice) -> tupl
     names: dict[int, str] = {}
     found: list[tuple[dict[int, str], frozenset[str], Placement | None]] = []
     added = walk.chosen(args.frames)
+    masks: dict[str, Mask] = {}
     while added and len(found) < ROUNDS:
         for index, picture in voice.progress("taking frames", video.frames(added), total=len(added)):
             names[index] = f"frame_{index:06}.jpg"
             (photos / names[index]).write_bytes(encoded(picture, names[index]))
         names = dict(sorted(names.items()))
         voice.say("notice", f"{len(names)} of {len(video.stamps)} frames, chosen for overlap and sharpness", source)
+        if not found:
+            masks = _still(source, list(names.values()), photos)
+        elif masks:
+            masks, _ = still_masks(photos, list(names.values()), photos.with_name(MASKS))
         try:
             placement = place(photos, list(names.values()), photos.parent, args.threads or -1, told=voice)
         except NonePlacedError:
@@ -229,7 +250,7 @@ def _of_video(source: Path, photos: Path, args: Namespace, voice: Voice) -> tupl
     if placement is None or len(right) < ENOUGH * len(names):
         times = (video.stamps - video.stamps[0]) * video.unit
         raise InputError(_unplaced([(float(times[i]), name in right) for i, name in names.items()]))
-    return {name: name for name in names.values()}, placement
+    return {name: name for name in names.values()}, masks, placement
 
 
 def _is_panorama(paths: Sequence[Path], args: Namespace) -> bool:

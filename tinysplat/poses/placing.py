@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,6 +32,10 @@ FEW, MORE = 40, 100
 
 SMALL_SIDE = 800
 """Photos of at most so many pixels across have their features found in a picture twice as large."""
+
+TOLERANCE = 4.0
+"""Pixels that a feature may lie off, in photos of `SMALL_SIDE` pixels and more; COLMAP's. In smaller ones so much fewer
+as they are smaller: else what fits by chance moves focal lengths and places."""
 
 T = TypeVar("T")
 
@@ -55,6 +60,7 @@ def place(
     threads: int,
     *,
     rig: Mapping[str, NDArray] | None = None,
+    lenses: Mapping[str, object] = MappingProxyType({}),
     told: Told = NOBODY,
 ) -> Placement:
     """Find where photos were taken.
@@ -67,6 +73,7 @@ def place(
             photo is, with another `.png`, and black where no features count.
         rig: of photos `CAMERA/NAME`, those of one NAME were taken at one place: (3, 3) turns by CAMERA, from the axes
             of the first, which is level, to its own; all are square and see 90°.
+        lenses: what tells photos of one lens and zoom from others', by name; those of one value have one camera.
         threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
         told: is told how far it is.
 
@@ -78,19 +85,20 @@ def place(
     are_few = len(names) <= FEW
     every = [(i, j) for j in range(len(names)) for i in range(j)] if are_few else []
     height, width = image_size(photos / names[0])
+    off = TOLERANCE * min(1.0, max(height, width) / SMALL_SIDE)
     steps = ahead(len(names), len(every) if are_few else _PAIRS_A_PHOTO * len(names), height * width)
     told.plan(steps)
-    _find_features(photos, names, database, threads, rig=rig, told=told)
+    _find_features(photos, names, database, threads, rig=rig, lenses=lenses, told=told)
     if rig:
-        _match(names, pairs_of_rig(names, rig), database, threads, told=told)
-        found = judged(_mapped(photos, database, len(names), is_rig=True, told=told), database, is_rig=True)
+        _match(names, pairs_of_rig(names, rig), database, threads, off=off, told=told)
+        found = judged(_mapped(photos, database, len(names), off=off, is_rig=True, told=told), database, is_rig=True)
         if found is None:
             raise NonePlacedError(_NONE_PLACED)
         return found
     shared = np.zeros((0, 0)) if are_few else shared_features(names, database, told)
     pairs = every or pairs_of_many(shared, ALIKE)
-    _match(names, pairs, database, threads, told=told)
-    found = judged(_mapped(photos, database, len(names), told=told), database)
+    _match(names, pairs, database, threads, off=off, told=told)
+    found = judged(_mapped(photos, database, len(names), off=off, told=told), database)
     is_whole = found is not None and len(found.right) == len(names) and (are_few or not found.uncertain)
     if len(names) <= MORE and not is_whole:
         with pycolmap.Database.open(database) as opened:
@@ -98,8 +106,8 @@ def place(
             opened.clear_two_view_geometries()
         again_pairs = every or pairs_of_many(shared, MORE_ALIKE)
         told.plan([(_CAREFULLY, 1.5 * len(again_pairs) / len(pairs) * dict(steps)[_MATCHING]), *steps[-2:]])
-        _match(names, again_pairs, database, threads, is_careful=True, told=told)
-        again = judged(_mapped(photos, database, len(names), is_careful=True, told=told), database)
+        _match(names, again_pairs, database, threads, off=off, is_careful=True, told=told)
+        again = judged(_mapped(photos, database, len(names), off=off, is_careful=True, told=told), database)
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
         raise NonePlacedError(_NONE_PLACED)
@@ -121,12 +129,20 @@ def ahead(photos: int, pairs: int, pixels: int) -> list[tuple[str, float]]:
 
 
 def _find_features(
-    photos: Path, names: Sequence[str], database: Path, threads: int, *, rig: Mapping[str, NDArray] | None, told: Told
+    photos: Path,
+    names: Sequence[str],
+    database: Path,
+    threads: int,
+    *,
+    rig: Mapping[str, NDArray] | None,
+    lenses: Mapping[str, object],
+    told: Told,
 ) -> None:
     """Features of those photos that a database lacks."""
     pycolmap = load_pycolmap()
-    sizes = {image_size(photos / name) for name in names}
-    mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.AUTO
+    size_of = {name: image_size(photos / name) for name in names}
+    sizes = set(size_of.values())
+    mode = pycolmap.CameraMode.SINGLE
     pycolmap.set_random_seed(_SEED)
     extraction = pycolmap.FeatureExtractionOptions(num_threads=threads, use_gpu=False)
     is_small = max(max(size) for size in sizes) <= SMALL_SIDE
@@ -137,8 +153,7 @@ def _find_features(
     if (masks := database.with_name(MASKS)).is_dir():
         reading.mask_path = masks
     with pycolmap.Database.open(database) as opened:
-        if opened.num_cameras() == 1 and len(sizes) == 1:
-            reading.existing_camera_id = opened.read_all_cameras()[0].camera_id
+        known = [camera.camera_id for camera in opened.read_all_cameras()]
         new = [name for name in names if not opened.exists_image(name)]
     if not new:
         return
@@ -150,8 +165,14 @@ def _find_features(
             f"{side / 2}," * 3 + f"{side / 2}",
         )
         extraction.sift.max_num_features = _FEATURES
+    cameras: dict[object, list[str]] = {}
+    for name in new:
+        cameras.setdefault(None if rig else (size_of[name], lenses.get(name)), []).append(name)
+    if len(known) == len(cameras) == 1:
+        reading.existing_camera_id = known[0]
     # All photos first: they get numbers in their order, not in that in which threads are done with them.
-    pycolmap.import_images(database, photos, mode, image_names=new, options=reading)
+    for of_one in cameras.values():
+        pycolmap.import_images(database, photos, mode, image_names=of_one, options=reading)
     for part in _by_parts(new, _PHOTOS_AT_ONCE, "features of photos", told):
         pycolmap.extract_features(database, photos, part, mode, reading, extraction)
     if rig:
@@ -177,14 +198,15 @@ def _match(
     database: Path,
     threads: int,
     *,
+    off: float,
     is_careful: bool = False,
     told: Told,
 ) -> None:
-    """Match and verify those pairs of photos that the database lacks."""
+    """Match and verify those pairs of photos that the database lacks, of features that lie `off` by at most."""
     pycolmap = load_pycolmap()
     matching = pycolmap.FeatureMatchingOptions(num_threads=threads, use_gpu=False, guided_matching=is_careful)
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = _SEED
+    verification.ransac.random_seed, verification.ransac.max_error = _SEED, off
     listed = database.with_name("pairs.txt")
     label = _CAREFULLY if is_careful else _MATCHING
     for part in _by_parts(pairs, _PAIRS_AT_ONCE, label, told):
@@ -200,13 +222,15 @@ def _by_parts(items: Sequence[T], size: int, label: str, told: Told) -> Iterator
 
 
 def _mapped(
-    photos: Path, database: Path, count: int, *, is_careful: bool = False, is_rig: bool = False, told: Told
+    photos: Path, database: Path, count: int, *, off: float, is_careful: bool = False, is_rig: bool = False, told: Told
 ) -> list[Any]:
-    """The models that matches of so many photos give."""
+    """The models that matches of so many photos give, of features that lie `off` by at most."""
     pycolmap = load_pycolmap()
     folder = tempfile.mkdtemp(dir=database.parent)
     # One thread: with more, sums are added up in another order in every run, and photos are placed or not by that.
     options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=_SEED, min_model_size=2)
+    options.mapper.filter_max_reproj_error = options.mapper.init_max_error = off
+    options.mapper.abs_pose_max_error = 3 * off
     if is_rig:  # whose cameras are known
         options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_sensor_from_rig = False
     if is_careful:

@@ -1,4 +1,4 @@
-"""What a photo's Exif says about its pixels: how it is turned, and Adobe RGB, which cameras state nowhere else.
+"""What a photo's Exif says: how it is turned, its lens, and Adobe RGB, which cameras state nowhere else.
 
 Trust boundary: a TIFF structure (TIFF 6.0, section 2) in which offsets lead anywhere; what is damaged says nothing.
 """
@@ -8,6 +8,10 @@ from __future__ import annotations
 import struct
 
 _ORIENTATION, _EXIF, _INTEROPERABILITY, _INDEX = 0x0112, 0x8769, 0xA005, 0x0001
+_MAKE, _MODEL, _FOCAL, _ZOOM, _FOCAL_35, _LENS = 0x010F, 0x0110, 0x920A, 0xA404, 0xA405, 0xA434
+_ASCII, _RATIONALS = 2, {5: "2I", 10: "2i"}  # types of values, and others by what `struct` calls them
+_NUMBERS = {3: ("H", True), 4: ("I", True), 11: ("f", True), 12: ("d", False)}  # and whether the entry itself has it
+_MOST_TEXT = 200
 _ADOBE_RGB = b"R03\0"  # DCF 2.0, "optional file"
 
 
@@ -33,6 +37,39 @@ def is_adobe_rgb(tiff: bytes) -> bool:
         return False
 
 
+def taken_with(tiff: bytes) -> tuple[object, ...]:
+    """What tells the lens and its zoom: make, model, lens, focal length in mm and in those of 35 mm film, digital zoom;
+    None for what is not said or damaged.
+    """
+    said: list[object] = []
+    for tags, pointers in (((_MAKE, _MODEL), ()), ((_LENS, _FOCAL, _FOCAL_35, _ZOOM), (_EXIF,))):
+        for tag in tags:
+            try:
+                order, directory = _start(tiff)
+                for pointer in pointers:
+                    (directory,) = struct.unpack(f"{order}I", _entry(tiff, order, directory, pointer))
+                said.append(_value(tiff, order, directory, tag))
+            except struct.error:
+                said.append(None)
+    return tuple(said)
+
+
+def _value(tiff: bytes, order: str, directory: int, tag: int) -> object:
+    """A tag's text or number, rounded to as many digits as tell two focal lengths apart."""
+    kind, count, at = struct.unpack(f"{order}HII", _entry(tiff, order, directory, tag, whole=True))
+    if kind == _ASCII:
+        text = tiff[at : at + min(count, _MOST_TEXT)] if count > 4 else _entry(tiff, order, directory, tag)[:count]
+        return text.rstrip(b"\0 ")
+    if kind in _RATIONALS:
+        over, under = struct.unpack_from(order + _RATIONALS[kind], tiff, at)
+        return round(over / under, 2) if under else None
+    if kind in _NUMBERS:
+        code, is_inside = _NUMBERS[kind]
+        stated = _entry(tiff, order, directory, tag) if is_inside else tiff[at:]
+        return round(struct.unpack_from(order + code, stated)[0], 2)
+    return None
+
+
 def _start(tiff: bytes) -> tuple[str, int]:
     """Byte order and where the first directory lies; struct.error where this is no TIFF structure."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(tiff[:4])
@@ -42,11 +79,13 @@ def _start(tiff: bytes) -> tuple[str, int]:
     return order, directory
 
 
-def _entry(tiff: bytes, order: str, directory: int, tag: int) -> bytes:
-    """The four bytes of a tag's value or offset; struct.error where the directory has none."""
+def _entry(tiff: bytes, order: str, directory: int, tag: int, *, whole: bool = False) -> bytes:
+    """The four bytes of a tag's value or offset, `whole` with its type and count before them; struct.error where the
+    directory has none.
+    """
     (entries,) = struct.unpack_from(f"{order}H", tiff, directory)
     for entry in range(entries):
         at = directory + 2 + 12 * entry
         if struct.unpack_from(f"{order}H10x", tiff, at)[0] == tag:
-            return tiff[at + 8 : at + 12]
+            return tiff[at + 2 if whole else at + 8 : at + 12]
     raise struct.error

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, within
 from ..system.files import StrPath, read_limited
-from . import heic, pillow
+from . import exif, heic, pillow
 from .cameras import MAX_IMAGE_SIDE
 from .colours import Colours, adobe_rgb, of_code_points, of_icc, to_srgb
-from .exif import is_adobe_rgb, orientation
 
 MAX_PIXELS = 1 << 26
 """Largest photo decoded: 67 megapixels, 200 MB of RGB."""
@@ -49,6 +48,7 @@ _PNG_PIXEL_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 
 _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])", re.DOTALL)  # neither stuffing nor a restart marker
 _EOI, _SOS, _APP1, _APP2 = 0xD9, 0xDA, 0xE1, 0xE2
+_EXIF = b"Exif\0\0"
 _ICC = b"ICC_PROFILE\0"  # then the part's number and how many there are
 _SOF_DECODED = (0xC0, 0xC1, 0xC2)  # Huffman-coded baseline, extended and progressive
 _SOF_OTHER = (0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)  # lossless, hierarchical, arithmetic
@@ -75,6 +75,7 @@ class _Stripped:
     is_16_bit: bool
     orientation: int
     colours: Colours | None
+    exif: bytes = b""
 
 
 def read_image(path: StrPath, *, upright: bool = True, shrink: int = 1) -> NDArray:
@@ -138,6 +139,11 @@ def is_turned(path: StrPath) -> bool:
     return _headers(path).orientation != 1
 
 
+def taken_with(path: StrPath) -> tuple[object, ...]:
+    """What a photo's Exif says of its lens (`exif.taken_with`); errors of `image_size`."""
+    return exif.taken_with(_headers(path).exif)
+
+
 def _headers(path: StrPath) -> _Stripped:
     """A photo's parts, once they are known to be of a size that may be decoded; errors of `image_size`."""
     with within(str(path)):
@@ -156,11 +162,14 @@ def _strip(data: bytes) -> _Stripped:
     if data.startswith(b"\xff\xd8"):
         return _strip_jpeg(data)
     if heic.is_heic(data):
-        width, height = heic.opened(data).size
-        return _Stripped("heic", data, width, height, is_16_bit=False, orientation=1, colours=None)
+        picture = heic.opened(data)
+        said = (picture.info.get("exif") or b"").removeprefix(_EXIF)
+        width, height = picture.size
+        return _Stripped("heic", data, width, height, False, 1, None, said)
     if pillow.is_read(data):
         picture, turned = pillow.opened(data)
-        return _Stripped("pillow", data, picture.width, picture.height, False, turned, None)
+        said = data if picture.format == "TIFF" else picture.info.get("exif", b"").removeprefix(_EXIF)
+        return _Stripped("pillow", data, picture.width, picture.height, False, turned, None, said)
     if text := _TEXTS.match(data):
         pointer, page = "a Git LFS pointer; `git lfs pull` brings the photo", "a web page, no photo: download it again"
         raise InputError(pointer if text[1] else page)
@@ -172,8 +181,8 @@ def _strip(data: bytes) -> _Stripped:
 
 def _strip_png(data: bytes) -> _Stripped:
     """Walk the chunks (PNG specification, section 5), keeping those that pixels depend on."""
-    position, turned, kept = len(_PNG_SIGNATURE), 1, [_PNG_SIGNATURE]
-    said: dict[bytes, bytes] = {}  # about colours
+    position, kept = len(_PNG_SIGNATURE), [_PNG_SIGNATURE]
+    said: dict[bytes, bytes] = {}  # about colours and lenses
     kind = b""
     while kind != b"IEND":
         if position + 12 > len(data):
@@ -187,12 +196,14 @@ def _strip_png(data: bytes) -> _Stripped:
         if kind in _PNG_PIXEL_CHUNKS:
             kept.append(data[position:end])
         elif kind == b"eXIf":
-            turned = orientation(data[position + 8 : end - 4])
+            said[kind] = data[position + 8 : end - 4]
         elif kind in (b"cICP", b"iCCP"):
             said.setdefault(kind, data[position + 8 : end - 4])
         position = end
     width, height, depth = struct.unpack_from(">IIB", kept[1], 8)
-    return _Stripped("png", b"".join(kept), width, height, depth == 16, turned, _png_colours(said))
+    tiff = said.get(b"eXIf", b"")
+    turned = exif.orientation(tiff)
+    return _Stripped("png", b"".join(kept), width, height, depth == 16, turned, _png_colours(said), tiff)
 
 
 def _png_colours(said: dict[bytes, bytes]) -> Colours | None:
@@ -208,9 +219,8 @@ def _png_colours(said: dict[bytes, bytes]) -> Colours | None:
 
 def _strip_jpeg(data: bytes) -> _Stripped:
     """Walk the marker segments (ITU-T T.81, annex B) up to the end of the image, keeping what pixels depend on."""
-    position, scans, turned, kept = 2, 0, 1, [data[:2]]
+    position, scans, tiff, kept = 2, 0, b"", [data[:2]]
     profile: dict[int, bytes] = {}
-    is_adobe = False
     size: tuple[int, int] | None = None
     while match := _JPEG_MARKER.search(data, position):
         if scans:
@@ -220,8 +230,9 @@ def _strip_jpeg(data: bytes) -> _Stripped:
             if not (size and scans):
                 break
             stated = b"".join(profile[part] for part in sorted(profile))
-            colours = of_icc(stated) if stated else adobe_rgb() if is_adobe else None
-            return _Stripped("mjpeg", b"".join([*kept, b"\xff\xd9"]), *size, False, turned, colours)
+            colours = of_icc(stated) if stated else adobe_rgb() if exif.is_adobe_rgb(tiff) else None
+            pixels = b"".join([*kept, b"\xff\xd9"])
+            return _Stripped("mjpeg", pixels, *size, False, exif.orientation(tiff), colours, tiff)
         length = int.from_bytes(data[match.end() : match.end() + 2], "big")
         body = data[match.end() + 2 : match.end() + length]
         if length < 2 or len(body) != length - 2:
@@ -233,8 +244,8 @@ def _strip_jpeg(data: bytes) -> _Stripped:
             if size or len(body) < 6:
                 raise InputError("damaged JPEG: frame header doubled or too short")
             size = _jpeg_size(body)
-        elif marker == _APP1 and body.startswith(b"Exif\0\0"):
-            turned, is_adobe = orientation(body[6:]), is_adobe_rgb(body[6:])
+        elif marker == _APP1 and body.startswith(_EXIF):
+            tiff = body.removeprefix(_EXIF)
         elif marker == _APP2 and body.startswith(_ICC) and len(body) > len(_ICC) + 2:
             profile.setdefault(body[len(_ICC)], body[len(_ICC) + 2 :])
         scans += marker == _SOS

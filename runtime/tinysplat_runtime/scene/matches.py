@@ -115,6 +115,13 @@ def staying(pairs: Sequence[NDArray]) -> NDArray:
     return kept if len(kept) >= UNDISTURBED * (len(kept) + disturbing) else np.empty((0, 2))
 
 
+def place_in_picture(places: NDArray, width: int, height: int) -> str:
+    """Where most of places (N, 2) lie in a picture of that size, in words."""
+    x, y = np.median(places, axis=0) / (width, height)
+    words = (("left", "right", x), ("top", "bottom", y))
+    return ", ".join(low if at < 1 / 3 else high if at > 2 / 3 else "middle" for low, high, at in words)
+
+
 def _near(places: NDArray, others: NDArray, radius: float) -> NDArray:
     """(N,) whether one of (M, 2) is within a radius of each of (N, 2)."""
     return (np.linalg.norm(places[:, None] - others, axis=2) < radius).any(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scene.matches import staying
+from ...scene.matches import place_in_picture, staying
 from .seen import Seen
 
 BLACK = 10 / 255
@@ -63,11 +63,6 @@ def stuck(seen: Seen) -> list[str]:
     if len(seen.closer) < 3 or not len(places):
         return []
     camera = next(iter(seen.closer.values()))
-    x, y = np.median(places, axis=0) / (camera.width, camera.height)
-    where = f"{_third(x, 'left', 'right')}, {_third(y, 'top', 'bottom')}"
+    where = place_in_picture(places, camera.width, camera.height)
     fault = f"photos show something at one place of the picture ({where}) while all else moves"
     return [f"{fault}: a banner, a date, a frame or dirt; crop it off or mask it"]
-
-
-def _third(share: float, first: str, last: str) -> str:
-    return first if share < 1 / 3 else last if share > 2 / 3 else "middle"

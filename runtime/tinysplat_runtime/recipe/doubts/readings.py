@@ -129,7 +129,7 @@ def _moved(seen: Seen, view: int) -> Camera | None:
     rows, ends_of = np.concatenate(normals), np.concatenate(ends)
     if len(rows) < 2 * len(camera.centre):
         return None
-    weight, centre = np.ones(len(rows)), np.zeros(3)
+    weight, centre = np.ones(len(rows)), np.zeros_like(camera.centre)
     for _ in range(ROUNDS):
         centre, *_ = np.linalg.lstsq(rows * weight[:, None], ends_of * weight, rcond=None)
         off = np.abs(rows @ centre - ends_of)
