@@ -42,10 +42,10 @@ class Settings:
     functions: int = 4
     structure: float = 0.2
     exposure: float = 0.05
-    quarter: float = 0.1
-    half: float = 0.3
+    quarter: float = 0.25
+    half: float = 0.4
     seen: float = 0.5
-    detail: float = 0.6
+    detail: float = 0.5
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10
