@@ -8,13 +8,14 @@ import numpy as np
 import pycolmap
 import pytest
 from numpy.typing import NDArray
-from poses.walls import textured, write_photos_of_walls
+from poses.walls import FOCAL, HEIGHT, WIDTH, photograph, textured, write_photos_of_walls
 
 from tinysplat.poses.copies import copies
 from tinysplat.poses.judging import Placement, contradicted, uncertainty
 from tinysplat.poses.model import coloured_points
 from tinysplat.poses.pairs import pairs_of_many, shared_features
-from tinysplat.poses.placing import MASKS, place
+from tinysplat.poses.placing import MASKS, NonePlacedError, place
+from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.images import read_image
 from tinysplat_runtime.scene.pictures import write_png
 
@@ -87,6 +88,29 @@ def test_places_of_which_one_is_fixed_by_nothing_are_uncertain(placed: tuple[NDA
     for index in [i for i, point in enumerate(image.points2D) if point.has_point3D()]:
         model.delete_observation(image.image_id, index)
     assert set(uncertainty(model).values()) == {np.inf}
+
+
+@pytest.mark.parametrize(
+    ("turns", "zooms", "walks", "is_turn"),
+    [(5, 1.0, 0.0, True), (0, 1.12, 0.0, True), (3, 1.08, 0.0, True), (0, 1.0, 0.3, False), (-3, 1.0, 0.3, False)],
+    ids=["turns", "zooms", "both", "walks past a wall", "walks around it"],
+)
+def test_cameras_that_only_turn_or_zoom_are_told_from_those_that_walk_past_one_wall(
+    tmp_path: Path, turns: float, zooms: float, walks: float, is_turn: bool
+) -> None:
+    (tmp_path / "photos").mkdir()
+    for i in range(8):
+        f, angle = FOCAL * zooms**i, np.radians(turns * (i - 3.5))
+        c2w = np.eye(4)
+        c2w[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        c2w[:2, 3] = walks * (i - 3.5), 0.1 * walks * (i % 3)
+        camera = Camera([[f, 0, WIDTH / 2], [0, f, HEIGHT / 2], [0, 0, 1]], c2w, WIDTH, HEIGHT)
+        write_png(tmp_path / f"photos/{i}.png", photograph(camera, [(6.0, 8.0, textured(0))]))
+    try:
+        placement = place(tmp_path / "photos", [f"{i}.png" for i in range(8)], tmp_path, 1)
+        assert placement.only_turns is is_turn
+    except NonePlacedError:
+        assert is_turn
 
 
 def test_copies_are_found_by_their_bytes(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import tempfile
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -139,11 +139,13 @@ def run(args: Namespace) -> None:
                     voice.say("notice", f"{count} lenses or zooms, as Exif says: each has a camera of its own", source)
                 placement = place(photos, list(names), Path(work), args.threads or -1, lenses=lenses, told=voice)
             _check_placement(placement)
+            if not (is_video or is_panorama):
+                _check_enough(names, placement)
             cameras, (near, far) = _write(output, photos, placement, masks, voice)
         except InputError as error:
             where = (error.where or str(source)).replace(str(photos), str(source))
             raise InputError(error.message, where=where) from None
-    for line in _remarks(names, placement, "frames" if is_video else "photos"):
+    for line in _remarks(names, placement, "frame" if is_video else "photo"):
         _say(source, line)
     if near and far:
         said = Spacing.of(list(cameras.values()), near, far).said([names[name] for name in cameras])
@@ -177,9 +179,29 @@ def _check_placement(placement: Placement) -> None:
         said = "the places that were found contradict the photos' own matches"
         raise InputError(f"{said}: take photos that overlap more, from places farther apart")
     within = f"most points are seen from directions within {placement.parallax:.1f}°"
-    loose = f"{len(placement.uncertain)} of {len(placement.right)} places are uncertain"
+    loose = _of(len(placement.uncertain), len(placement.right), "place", "uncertain")
+    if placement.only_turns:
+        raise InputError(f"the camera only turned or zoomed at one place: that shows no depth; {ASIDE}")
     if not placement.shows_depth:
         raise InputError(f"the camera hardly moved, or only turned ({within}, {loose}): that shows no depth; {ASIDE}")
+
+
+def _check_enough(names: Mapping[str, str], placement: Placement) -> None:
+    """InputError where under two thirds of photos were placed, naming neighbours that are likely too far apart."""
+    order = sorted(names, key=names.__getitem__)
+    right = placement.right
+    if len(right) >= ENOUGH * len(order):
+        return
+    gaps = [f"{names[a]} and {names[b]}" for a, b in pairwise(order) if not {a, b} <= right]
+    more = f" and {len(gaps) - MOST_NAMED} more pairs" if len(gaps) > MOST_NAMED else ""
+    said = f"only {len(right)} of {len(order)} photos could be placed"
+    apart = f"too far apart, or too little alike, are {', '.join(gaps[:MOST_NAMED])}{more}"
+    raise InputError(f"{said}; {apart}: take photos 3° to 10° apart between them; {ASIDE}")
+
+
+def _of(count: int, all_of: int, what: str, how: str) -> str:
+    """How many of so many things are how."""
+    return f"{count} of {all_of} {what}{'s' if all_of > 1 else ''} {'is' if count == 1 else 'are'} {how}"
 
 
 def _remarks(names: Mapping[str, str], placement: Placement, what: str) -> Iterator[str]:
@@ -190,13 +212,14 @@ def _remarks(names: Mapping[str, str], placement: Placement, what: str) -> Itera
         why = []
         if missing:
             groups = ", ".join(map(str, placement.others[:4])) + (", …" if len(placement.others) > 4 else "")
-            joined = f" ({len(placement.others)} groups of them, of {groups}, fit each other alone)" if groups else ""
+            count = f"{len(placement.others)} groups" if len(placement.others) > 1 else "one group"
+            joined = f" ({count} of them, of {groups}, fit each other alone)" if groups else ""
             why.append(f"{', '.join(missing)} could not be placed{joined}")
         if wrong:
             why.append(f"{', '.join(wrong)} lie elsewhere than their matches say")
-        yield f"{len(missing) + len(wrong)} of {len(names)} {what} are left out: {'; '.join(why)}"
+        yield f"{_of(len(missing) + len(wrong), len(names), what, 'left out')}: {'; '.join(why)}"
     if placement.uncertain:
-        said = f"{len(placement.uncertain)} of {len(placement.right)} places are uncertain"
+        said = _of(len(placement.uncertain), len(placement.right), "place", "uncertain")
         most = names[placement.uncertain[0]]
         yield f"{said}, {most} the most: step aside where you only turned, and take more photos"
 
@@ -247,6 +270,8 @@ def _of_video(
         is_enough = args.frames is not None or len(missing) <= SPARED * len(names)
         added = [] if is_enough else walk.between(list(names), missing)
     names, right, placement = max(found, key=lambda one: (len(one[1]) >= ENOUGH * len(one[0]), len(one[1])))
+    if placement is not None and placement.only_turns:
+        _check_placement(placement)
     if placement is None or len(right) < ENOUGH * len(names):
         times = (video.stamps - video.stamps[0]) * video.unit
         raise InputError(_unplaced([(float(times[i]), name in right) for i, name in names.items()]))
@@ -361,7 +386,8 @@ def _unplaced(frames: Sequence[tuple[float, bool]]) -> str:
     runs = [(is_placed, [time for time, _ in run]) for is_placed, run in groupby(frames, key=lambda frame: frame[1])]
     longest = max((times for is_placed, times in runs if not is_placed), key=lambda times: times[-1] - times[0])
     count = sum(is_placed for _, is_placed in frames)
-    said = f"only {count} of {len(frames)} frames could be placed, from {longest[0]:.1f} s to {longest[-1]:.1f} s none"
+    span = f"none from {longest[0]:.1f} s to {longest[-1]:.1f} s" if longest[0] < longest[-1] else "one here and there"
+    said = f"only {count} of {len(frames)} frames could be placed, {span}"
     return f"{said}: film slowly, in good light, what has texture; {ASIDE}"
 
 
@@ -372,7 +398,7 @@ def _copied(source: Path, found: Sequence[str], photos: Path, voice: Voice) -> d
         raise InputError(f"{len(found)} copies of one photo, expected 2 photos or more")
     if twins:
         twin, first = next(iter(twins.items()))
-        more = f", nor {len(twins) - 1} more copies" if len(twins) > 1 else ""
+        more = f"; so are {len(twins) - 1} more copies" if len(twins) > 1 else ""
         _say(source, f"{twin} is the very file {first} and is left out{more}")
     kept = [name for name in found if name not in twins]
     called, turned = upright_copies(source, kept, photos, voice)

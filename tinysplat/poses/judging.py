@@ -1,13 +1,14 @@
 """What was found of photos' places, and how far it is to be believed.
 
 A photo most of whose strong matches contradict its place (`contradicted`) was placed wrongly; places that the matches
-hardly fix are uncertain (`uncertainty`); and without parallax, nothing shows depth (`parallax`).
+hardly fix are uncertain (`uncertainty`); without parallax, nothing shows depth (`parallax`); and where a camera that
+only turned or zoomed explains the matches as well (`only_turns`), a wrong focal length makes the parallax.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.scene.lenses import load_pycolmap
+from tinysplat_runtime.system.evenly import evenly
 
 STRONG, _CHECKED = 30, 200
 """Matches of a pair that say something about its places; the most that are looked at."""
@@ -33,6 +35,23 @@ LEAST_PARALLAX, MOST_UNCERTAIN = 2.5, 0.5
 """Degrees between the directions in which most points are seen, and share of uncertain places, that a scene has."""
 
 
+FOCALS = np.geomspace(0.4, 3.0, 50)
+"""Focal lengths that a camera that only turns is tried with, of the picture's longer side."""
+
+ZOOMS = 1 + np.linspace(-0.06, 0.06, 25)
+"""Changes of focal length from photo to photo, beside that of how far apart the matches are."""
+
+TURNED, TURNED_PAIRS, NO_WORSE = 0.9, 2 / 3, 2.5
+"""Of a pair's matches, that a turn has to explain; of pairs, that turns explain where the camera only turned; times
+what a homography leaves, that such a turn may leave: views of a plane have one, but mostly of no turn."""
+
+_PLAIN = (4, 5, 6)  # COLMAP's TwoViewGeometryConfiguration: PLANAR, PANORAMIC, or one of these
+_MOVED, _MOST_PAIRS = (
+    0.02,
+    60,
+)  # of the longer side that matches moved, in pairs that tell; and pairs that are looked at
+
+
 @dataclass(frozen=True)
 class Placement:
     """What was found of photos' places.
@@ -43,6 +62,7 @@ class Placement:
         wrong: names of photos in the model whose matches contradict their places.
         uncertain: names of photos whose places may be off by more than `UNCERTAIN`, the most uncertain first.
         parallax: the median over points of the largest angle between two photos' rays to them, degrees.
+        only_turns: whether a camera that only turned or zoomed explains the matches as well.
     """
 
     model: Any
@@ -50,6 +70,7 @@ class Placement:
     wrong: frozenset[str]
     uncertain: tuple[str, ...]
     parallax: float
+    only_turns: bool = False
 
     @property
     def right(self) -> frozenset[str]:
@@ -59,15 +80,18 @@ class Placement:
     @property
     def shows_depth(self) -> bool:
         """Whether the camera moved enough for that."""
-        return self.parallax >= LEAST_PARALLAX and len(self.uncertain) < MOST_UNCERTAIN * len(self.right)
+        is_certain = len(self.uncertain) < MOST_UNCERTAIN * len(self.right)
+        return self.parallax >= LEAST_PARALLAX and is_certain and not self.only_turns
 
     def worth(self) -> tuple[int, int]:
         """What makes one of two placements of the same photos the better one."""
         return len(self.right), -len(self.uncertain)
 
 
-def judged(models: Sequence[Any], database: Path, *, is_rig: bool = False) -> Placement | None:
-    """The largest of some models, judged by the matches that gave them; None where there is none."""
+def judged(models: Sequence[Any], database: Path, off: float, *, is_rig: bool = False) -> Placement | None:
+    """The largest of some models, judged by the matches that gave them, of features that lie `off` by so many pixels at
+    most; None where there is none.
+    """
     models = sorted(models, key=lambda one: -one.num_reg_images())
     if not models:
         return None
@@ -81,18 +105,44 @@ def judged(models: Sequence[Any], database: Path, *, is_rig: bool = False) -> Pl
         contradicted(model, database),
         tuple(sorted(loose, key=lambda name: -loose[name])),
         parallax(model),
+        not is_rig and only_turns(model, database, off),
     )
 
 
-def contradicted(model: Any, database: Path) -> frozenset[str]:
-    """Names of placed photos of whose strong pairs (`STRONG` matches or more) most contradict their places.
+def only_turns(model: Any, database: Path, off: float) -> bool:
+    """Whether a camera that turns and zooms at one place explains the strong pairs of a model's photos.
 
-    A match agrees with two places if it lies near the epipolar line that they give (Hartley and Zisserman 2004, 9.2).
-    The worst photo is left out first, since it also speaks against those that it was matched with.
+    Their matches, which lie `off` by so many pixels at most, are then those of a homography K' R K⁻¹ (Hartley and
+    Zisserman 2004, 8.4), of one focal length but for zooms.
+    """
+    pairs = []
+    for one, other, (here, there), is_plain in _strong_pairs(model, database):
+        camera = model.cameras[one.camera_id]
+        side, middle = max(camera.width, camera.height), np.array([camera.width, camera.height]) / 2
+        other_camera = model.cameras[other.camera_id]
+        here, there = here - middle, there - np.array([other_camera.width, other_camera.height]) / 2
+        if np.median(np.linalg.norm(there - here, axis=1)) > _MOVED * side:
+            pairs.append((side, here, there, is_plain))
+    weights = [len(here) for _, here, *_ in pairs]  # what looks alike by chance does so with few matches
+    if not pairs or np.average([is_plain for *_, is_plain in pairs], weights=weights) < TURNED_PAIRS:
+        return False
+    pairs = [pairs[i] for i in evenly(len(pairs), _MOST_PAIRS)]
+    left = [_left_by_turns(*pair[:3]) for pair in pairs]  # (F, M) each
+    common = int(np.argmin(np.sum([np.median(each, axis=1) for each in left], axis=0)))
+    explained = []
+    for each, (_, here, there, _) in zip(left, pairs, strict=True):
+        least = NO_WORSE * np.median(_left_by_homography(here, there)) + off / 20
+        focals = {common, int(np.argmin(np.median(each, axis=1)))} - {0, len(FOCALS) - 1}  # long ones turn hardly
+        explained.append(any((each[f] < off).mean() >= TURNED and np.median(each[f]) <= least for f in focals))
+    return bool(np.average(explained, weights=[len(here) for _, here, *_ in pairs]) >= TURNED_PAIRS)
+
+
+def _strong_pairs(model: Any, database: Path) -> Iterator[tuple[Any, Any, tuple[NDArray, NDArray], bool]]:
+    """Placed photos with `STRONG` matches or more, (M, 2) and (M, 2) places of some of these, pixels, and whether one
+    homography explains most.
     """
     pycolmap = load_pycolmap()
     placed = {i: image for i, image in model.images.items() if image.has_pose}
-    verdicts: dict[int, dict[int, bool]] = {i: {} for i in placed}
     with pycolmap.Database.open(database) as opened:
         keys, geometries = opened.read_two_view_geometries()
         keypoints = {i: np.asarray(opened.read_keypoints(i))[:, :2].astype(np.float64) for i in placed}
@@ -101,8 +151,54 @@ def contradicted(model: Any, database: Path) -> frozenset[str]:
         matches = np.asarray(geometry.inlier_matches)
         if one in placed and other in placed and len(matches) >= STRONG:
             some = matches[:: -(-len(matches) // _CHECKED)]
-            points = keypoints[one][some[:, 0]], keypoints[other][some[:, 1]]
-            verdicts[one][other] = verdicts[other][one] = _agrees(model, placed[one], placed[other], points)
+            is_plain = int(geometry.config) in _PLAIN
+            yield placed[one], placed[other], (keypoints[one][some[:, 0]], keypoints[other][some[:, 1]]), is_plain
+
+
+def _left_by_turns(side: int, here: NDArray, there: NDArray) -> NDArray:
+    """(F, M) pixels that turns leave between matches (M, 2) and (M, 2) from the middles of two photos, for each of
+    `FOCALS` with the zoom that leaves least.
+    """
+    spread = math.sqrt(np.var(there, axis=0).sum() / max(np.var(here, axis=0).sum(), 1e-9))
+    zooms = np.array([1.0, *(spread * ZOOMS)])[:, None, None]
+    return np.stack([min(_left_by_turn(here, there, side * f, side * f * zooms), key=np.median) for f in FOCALS])
+
+
+def _left_by_turn(here: NDArray, there: NDArray, focal: float, its: NDArray) -> NDArray:
+    """(Z, M) pixels that the best turn leaves, of a focal length and several (Z, 1, 1) of the other photo, pixels."""
+    count = (len(its), len(there), 1)
+    rays = np.hstack([here / focal, np.ones((len(here), 1))])
+    its_rays = np.concatenate([there / its, np.ones(count)], axis=2)
+    its_rays = its_rays / np.linalg.norm(its_rays, axis=2, keepdims=True)
+    u, _, v = np.linalg.svd(np.swapaxes(its_rays, 1, 2) @ (rays / np.linalg.norm(rays, axis=1, keepdims=True)))
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ v))[:, None]  # Kabsch 1976: the rotation nearest to it
+    seen = rays @ np.swapaxes(u @ v, 1, 2)
+    left: NDArray = np.linalg.norm(its * seen[..., :2] / seen[..., 2:].clip(1e-6) - there, axis=2)
+    return left
+
+
+def _left_by_homography(here: NDArray, there: NDArray) -> NDArray:
+    """(M,) pixels that the homography leaves which fits matches best by the linear method (ibid., 4.1)."""
+    scale = max(float(np.abs(here).max()), float(np.abs(there).max()), 1.0)
+    p, q = (np.hstack([places / scale, np.ones((len(places), 1))]) for places in (here, there))
+    zero = np.zeros_like(p)
+    rows = np.concatenate([np.hstack([p, zero, -q[:, :1] * p]), np.hstack([zero, p, -q[:, 1:2] * p])])
+    seen = p @ np.linalg.svd(rows)[2][-1].reshape(3, 3).T
+    left: NDArray = scale * np.linalg.norm(seen[:, :2] / seen[:, 2:] - q[:, :2], axis=1)
+    return left
+
+
+def contradicted(model: Any, database: Path) -> frozenset[str]:
+    """Names of placed photos of whose strong pairs (`STRONG` matches or more) most contradict their places.
+
+    A match agrees with two places if it lies near the epipolar line that they give (Hartley and Zisserman 2004, 9.2).
+    The worst photo is left out first, since it also speaks against those that it was matched with.
+    """
+    placed = {i: image for i, image in model.images.items() if image.has_pose}
+    verdicts: dict[int, dict[int, bool]] = {i: {} for i in placed}
+    for one, other, points, _ in _strong_pairs(model, database):
+        agrees = _agrees(model, one, other, points)
+        verdicts[one.image_id][other.image_id] = verdicts[other.image_id][one.image_id] = agrees
     wrong: set[int] = set()
     while True:
         left = {i: [ok for j, ok in of.items() if j not in wrong] for i, of in verdicts.items() if i not in wrong}

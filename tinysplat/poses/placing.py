@@ -33,9 +33,9 @@ FEW, MORE = 40, 100
 SMALL_SIDE = 800
 """Photos of at most so many pixels across have their features found in a picture twice as large."""
 
-TOLERANCE = 4.0
+TOLERANCE, FINEST = 4.0, 1.5
 """Pixels that a feature may lie off, in photos of `SMALL_SIDE` pixels and more; COLMAP's. In smaller ones so much fewer
-as they are smaller: else what fits by chance moves focal lengths and places."""
+as they are smaller, but for the second: else what fits by chance moves focal lengths and places."""
 
 T = TypeVar("T")
 
@@ -85,20 +85,22 @@ def place(
     are_few = len(names) <= FEW
     every = [(i, j) for j in range(len(names)) for i in range(j)] if are_few else []
     height, width = image_size(photos / names[0])
-    off = TOLERANCE * min(1.0, max(height, width) / SMALL_SIDE)
+    off = max(TOLERANCE * min(1.0, max(height, width) / SMALL_SIDE), FINEST)
     steps = ahead(len(names), len(every) if are_few else _PAIRS_A_PHOTO * len(names), height * width)
     told.plan(steps)
     _find_features(photos, names, database, threads, rig=rig, lenses=lenses, told=told)
     if rig:
         _match(names, pairs_of_rig(names, rig), database, threads, off=off, told=told)
-        found = judged(_mapped(photos, database, len(names), off=off, is_rig=True, told=told), database, is_rig=True)
+        found = judged(
+            _mapped(photos, database, len(names), off=off, is_rig=True, told=told), database, off, is_rig=True
+        )
         if found is None:
             raise NonePlacedError(_NONE_PLACED)
         return found
     shared = np.zeros((0, 0)) if are_few else shared_features(names, database, told)
     pairs = every or pairs_of_many(shared, ALIKE)
     _match(names, pairs, database, threads, off=off, told=told)
-    found = judged(_mapped(photos, database, len(names), off=off, told=told), database)
+    found = judged(_mapped(photos, database, len(names), off=off, told=told), database, off)
     is_whole = found is not None and len(found.right) == len(names) and (are_few or not found.uncertain)
     if len(names) <= MORE and not is_whole:
         with pycolmap.Database.open(database) as opened:
@@ -107,7 +109,7 @@ def place(
         again_pairs = every or pairs_of_many(shared, MORE_ALIKE)
         told.plan([(_CAREFULLY, 1.5 * len(again_pairs) / len(pairs) * dict(steps)[_MATCHING]), *steps[-2:]])
         _match(names, again_pairs, database, threads, off=off, is_careful=True, told=told)
-        again = judged(_mapped(photos, database, len(names), off=off, is_careful=True, told=told), database)
+        again = judged(_mapped(photos, database, len(names), off=off, is_careful=True, told=told), database, off)
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
         raise NonePlacedError(_NONE_PLACED)
