@@ -45,7 +45,7 @@ class Settings:
     quarter: float = 0.25
     half: float = 0.4
     seen: float = 0.5
-    detail: float = 0.5
+    detail: float = 0.7
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10
@@ -56,7 +56,7 @@ class Settings:
     added_opacity: float = 0.5
     fade: float = 0.05
     faded: float = 0.02
-    worth: float = 0.1
+    worth: float = 0.03
     spared: float = 0.25
 
     def smaller(self, way: float) -> int:
