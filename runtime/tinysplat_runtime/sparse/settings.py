@@ -21,7 +21,9 @@ class Settings:
         exposure: least |log gain| of a photo's colour that is believed.
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         seen: share of a full-size photo's tiles that a step looks at, drawn anew in each.
-        detail: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels.
+        detail: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels; of
+            fewer than `many` photos fewer, by the fourth root of their number, as few photos are soon overfitted.
+        plain: contrast that is added: where there is none, colours still change slowly.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.
@@ -45,7 +47,9 @@ class Settings:
     quarter: float = 0.25
     half: float = 0.4
     seen: float = 0.5
-    detail: float = 0.7
+    detail: float = 0.8
+    many: int = 24
+    plain: float = 0.01
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10
