@@ -66,6 +66,40 @@ def test_files_are_joined_turned_enlarged_and_moved(files: dict[str, Path], tmp_
     np.testing.assert_allclose(np.stack([x, y, z], 1), raw.means[:, [2, 1, 0]] * (2, 2, -2) + (1, 0, 0), atol=1e-5)
 
 
+def test_a_measured_length_makes_units_metres(files: dict[str, Path], tmp_path: Path) -> None:
+    scene = ts.load_gaussians(files["npz"])
+    camera, depth = scene.cameras[1], ts.render(scene, scene.cameras[1], outputs=("depth",))["depth"]
+    one, other = (
+        camera.centre + np.linalg.solve(camera.K, (u, 10.5, 1)) * depth[10, int(u)] @ camera.rotation
+        for u in (4.5, 19.5)
+    )
+    units = np.linalg.norm(other - one)
+    done = succeed("convert", files["npz"], "-o", tmp_path / "view.npz", "--length", "1:4.5,10.5,19.5,10.5=74cm")
+    found = ts.load_gaussians(tmp_path / "view.npz")
+    scales = np.array([camera.centre for camera in found.cameras]) / [camera.centre for camera in scene.cameras]
+    np.testing.assert_allclose(scales[:, 0], 0.74 / units, rtol=0.02)
+    assert found.notes.unit == "metre" and tells(done.stderr, "0.74")
+    points = ",".join(map(str, [*one, *other]))
+    succeed("decode", files["tsplat"], "-o", tmp_path / "points.ply", f"--length={points}=2.5ft", "--level")
+    assert ts.load_gaussians(tmp_path / "points.ply").notes.unit == "metre"
+
+
+@pytest.mark.parametrize(
+    ("length", "fault"),
+    [
+        ("1:4,10,19=1m", "1:4,10,19=1m"),
+        ("1:4,10,19,10=1", "1:4,10,19,10=1"),
+        ("1:4,10,19,10=-1m", "1:4,10,19,10=-1m"),
+        ("2:4,10,19,10=1m", "view 2 0 1"),
+        ("1:4,10,99,10=1m", "99,10 24x20"),
+        ("1:4,10,4,10=1m", "one point"),
+    ],
+)
+def test_lengths_that_measure_nothing_are_refused(files: dict[str, Path], length: str, fault: str) -> None:
+    said = fail("convert", files["npz"], "-o", files["folder"] / "no.ply", "--length", length)
+    assert "--length" in said and tells(said, fault)
+
+
 def test_a_moved_coded_scene_keeps_pixels_cameras_and_the_quality_it_had(
     files: dict[str, Path], tmp_path: Path
 ) -> None:

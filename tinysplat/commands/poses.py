@@ -18,12 +18,14 @@ from tinysplat.poses.copies import copies, encoded, upright_copies
 from tinysplat.poses.folder import write_folder
 from tinysplat.poses.frames import look_through
 from tinysplat.poses.judging import Placement
+from tinysplat.poses.level import upright
 from tinysplat.poses.model import coloured_points, placed_photos
 from tinysplat.poses.panoramas import FACES, Wedge, check_shape, check_whole, face, kept, says_panorama, side_of
 from tinysplat.poses.placing import MASKS, NonePlacedError, place
 from tinysplat.poses.still import still_masks
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.gaussian.level import Level
 from tinysplat_runtime.scene import heic, pillow
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
@@ -68,8 +70,8 @@ def configure(parser: ArgumentParser) -> None:
     parser.description = (
         "Finds where each photo was taken from, takes lens distortion out, and writes photos, cameras.json,"
         " transforms.json and COLMAP's text files. Of a video, sharp frames are chosen, apart by as much as the camera"
-        " moved, and more where few of them can be placed. The scene's unit is arbitrary. Photos that could not be"
-        " placed are named on standard error."
+        " moved, and more where few of them can be placed. The world stands upright, with y down and the ground at 0;"
+        " its unit is arbitrary. Photos that could not be placed are named on standard error."
     )
     parser.add_argument(
         "photos",
@@ -141,12 +143,14 @@ def run(args: Namespace) -> None:
             _check_placement(placement)
             if not (is_video or is_panorama):
                 _check_enough(names, placement)
-            cameras, (near, far) = _write(output, photos, placement, masks, voice)
+            cameras, (near, far), level = _write(output, photos, placement, masks, voice)
         except InputError as error:
             where = (error.where or str(source)).replace(str(photos), str(source))
             raise InputError(error.message, where=where) from None
     for line in _remarks(names, placement, "frame" if is_video else "photo"):
         _say(source, line)
+    doubt = "" if level.is_sure else ", which is not sure"
+    voice.say("notice", f"turned upright to ± {level.off:.1f}°{doubt}, from {level.evidence}", source)
     if near and far:
         said = Spacing.of(list(cameras.values()), near, far).said([names[name] for name in cameras])
         voice.say("notice", said, source)
@@ -162,15 +166,18 @@ def _say(where: Path, line: str) -> None:
 
 def _write(
     output: Path, photos: Path, placement: Placement, masks: Mapping[str, Mask], voice: Voice
-) -> tuple[dict[str, Camera], tuple[float | None, float | None]]:
-    """Write the scene of photos that were placed; their cameras by name, and near and far."""
-    points, (entries, observations) = coloured_points(placement.model), placed_photos(placement.model)
+) -> tuple[dict[str, Camera], tuple[float | None, float | None], Level]:
+    """Write the scene of photos that were placed, upright; their cameras by name, near and far, and what turned it."""
+    (points, colours, errors), (entries, observations) = (
+        coloured_points(placement.model),
+        placed_photos(placement.model),
+    )
     kept = np.array([entry["name"] in placement.right for entry in entries])
     w2c = np.array([entry["w2c"] for entry in entries])
-    depths = observed_range(w2c, points[0], observations[kept[observations[:, 0]]])
-    right = [entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept]
-    cameras = write_folder(output, photos, right, depths, points, masks, voice)
-    return cameras, depths
+    depths = observed_range(w2c, points, observations[kept[observations[:, 0]]])
+    right, points, level = upright([entry for entry, is_kept in zip(entries, kept, strict=True) if is_kept], points)
+    cameras = write_folder(output, photos, right, depths, (points, colours, errors), masks, voice)
+    return cameras, depths, level
 
 
 def _check_placement(placement: Placement) -> None:

@@ -21,9 +21,10 @@ from ..recipe.request import CompressRequest, EncodeRequest
 from ..render.near import FEW
 from ..system.stopwatch import Stopwatch
 from ..system.voice import Voice
-from .files import write_file, write_json
+from .files import named, write_file, write_json
 from .given import asked, reading_of, voice_of
 from .outputs import is_standard
+from .parser import OF_EXPORTS
 
 
 def encode(args: Namespace) -> None:
@@ -33,6 +34,10 @@ def encode(args: Namespace) -> None:
     if not (is_standard(args.output) or args.output.lower().endswith(SUFFIX)):
         _list(args, voice, runtime)
         return
+    moved = next((name for name in OF_EXPORTS if getattr(args, name)), None)
+    if moved:
+        fault = f"given with {args.output}, where cameras stay as they are; `tinysplat convert --{moved}` moves it"
+        raise InputError(fault, where=f"--{moved}")
     request = asked(args, EncodeRequest, args.scene)
     coded = encode_photos(request, runtime, voice, keep=bool(args.report))
     _write(coded, voice, args, runtime)
@@ -42,7 +47,7 @@ def encode(args: Namespace) -> None:
 
 def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
     """Photos to a file for any viewer: a list that is not coded."""
-    from ..recipe.export import write_list
+    from ..recipe.export import exported, write_list
     from ..recipe.request import Coding, ExportRequest
 
     given = [name for name in (*Coding.options(), "report") if getattr(args, name, None)]
@@ -50,8 +55,12 @@ def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
         option = f"--{(given or ['mode'])[0].replace('_', '-')}"
         raise InputError(f"of .tsplat files, expected none with {args.output}", where=option)
     args.mode = LIST
+    with named(OF_EXPORTS):
+        request = ExportRequest.of(**{name: getattr(args, name) for name in OF_EXPORTS})
     gaussians, *_ = listed(asked(args, EncodeRequest, args.scene), runtime, voice)
-    for loss in write_list(args.output, gaussians, ExportRequest()):
+    with named(OF_EXPORTS):
+        gaussians = exported([("", gaussians)], args.output, request, runtime, voice)
+    for loss in write_list(args.output, gaussians, request):
         voice.say("notice", loss, args.output)
     size = Path(args.output).stat().st_size
     voice.done(f"{size} bytes, {gaussians.count} Gaussians of SH degree {gaussians.degree}", args.output)

@@ -13,7 +13,7 @@ from typing import Any, NoReturn, TypeAlias
 from .. import __version__
 from ..errors import InputError
 from .arguments import Input, Output, byte_count, colour, count, grid, port, positive, size
-from .options import Container, add_options, add_provider, add_threads
+from .options import Container, add_option, add_options, add_provider, add_threads
 
 _COLOUR = "where nothing is: white, black or #rrggbb"
 _GAUSSIAN_FILES = ".npz, .ply, … (docs/FORMATS.md)"
@@ -35,6 +35,9 @@ EXTRAS = {
 
 OF_CONVERT = ("crop", "rotate", "scale", "translate", "cameras")
 """Options that `decode` has not."""
+
+OF_EXPORTS = ("level", "length")
+"""Options of `convert` that `encode` has, too, where it writes no .tsplat file."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -108,7 +111,7 @@ def build_parser(only: str | None = None) -> tuple[_Parser, Commands]:
 
 
 def _encode(commands: Commands) -> None:
-    from ..recipe.request import VIDEO, EncodeRequest
+    from ..recipe.request import VIDEO, EncodeRequest, ExportRequest
 
     parser = commands.add_parser(
         "encode", help="photos and cameras to a .tsplat file", usage="%(prog)s SCENE [SCENE …] -o F.tsplat [options]"
@@ -121,7 +124,10 @@ def _encode(commands: Commands) -> None:
     )
     _written(parser)
     _quiet(parser)
-    more = add_options(parser, EncodeRequest)[VIDEO]
+    groups, exports = add_options(parser, EncodeRequest), ExportRequest.options()
+    for name in OF_EXPORTS:
+        add_option(parser, name, exports[name])
+    more = groups[VIDEO]
     more.add_argument("--report", type=Output, metavar="R.json", help="bytes, seconds, memory and errors as JSON")
     add_provider(more)
     add_threads(more)

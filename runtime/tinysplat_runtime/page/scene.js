@@ -7,6 +7,7 @@ import { add, cross, dot, length, scaled, unit } from "./vectors.js";
 const REACH = 4;
 const LEAST_OPACITY = 1 / 255; // that shows
 const NEAR_PLANE = 0.01; // scene units
+const LEVEL = 0.1; // mean sine of the roll of cameras that are held level
 
 // A camera as the page takes it: rows of its rotation right, down and forward; position in the world.
 export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
@@ -31,11 +32,18 @@ export function sceneOf(decoded, cameras = [], frame = null, numbers = undefined
   const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)]; // of a list, where its photos were taken, or the side that shows most
   const { scale, centre } = frame ?? frameOf(decoded, world, world[numbers?.[0] ?? 0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
-  const down = views.reduce((sum, { rotation }) => add(sum, rotation[1]), [0, 0, 0]);
   return {
     ...shown(decoded, scale, add([...decoded.origin], centre, -1), given, numbers), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
-    nearPlane: NEAR_PLANE * scale, up: length(down) > 1e-6 ? unit(scaled(down, -1)) : scaled(views[0].rotation[1], -1),
+    nearPlane: NEAR_PLANE * scale, up: upOf(views),
   };
+}
+
+// Up of a scene: −y where all cameras are held level in a world that stands upright, else where they have it on the whole.
+function upOf(views) {
+  const down = views.reduce((sum, { rotation }) => add(sum, rotation[1], 1 / views.length), [0, 0, 0]);
+  const roll = views.reduce((sum, { rotation }) => sum + rotation[0][1] ** 2 / views.length, 0);
+  if (roll < LEVEL ** 2 && down[1] > 0.3) return [0, -1, 0];
+  return length(down) > 1e-6 ? unit(scaled(down, -1)) : scaled(views[0].rotation[1], -1);
 }
 
 function frameOf({ means, opacities, count, origin }, views, { position, rotation }) {

@@ -54,6 +54,14 @@ def exported(
         InputError: an option that does not fit the Gaussians, numba is missing, or nothing is left.
     """
     request.check_output(path)
+    found = None
+    if request.length is not None:
+        from .length import UNIT, measured
+
+        if len(parts) > 1:
+            raise InputError(f"of {len(parts)} files, expected one", where="length")
+        found = measured(parts[0][1], request.length, tools.threads)
+        told.say("notice", str(found))
     chosen = []
     for name, part in parts:
         try:
@@ -65,9 +73,16 @@ def exported(
         gaussians = crop(gaussians, request.crop[:3], request.crop[3:])
     if request.cameras is not None:
         gaussians = seen_from(gaussians, request.cameras)
-    if request.rotate is not None or request.scale != 1 or any(request.translate):
+    if request.level:
+        from ..gaussian.level import levelled
+
+        gaussians = levelled(gaussians, told)
+    scale = request.scale if found is None else found.scale
+    if request.rotate is not None or scale != 1 or any(request.translate):
         turn = np.eye(3) if request.rotate is None else quats_to_matrices(normalize_quats(np.array(request.rotate)))
-        gaussians = similarity(gaussians, turn, request.scale, request.translate)
+        gaussians = similarity(gaussians, turn, scale, request.translate)
+    if found is not None:
+        gaussians = gaussians.with_notes(replace(gaussians.notes, unit=UNIT))
     if request.notes:
         gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
     return gaussians if request.prune is None else _pruned(gaussians, request.prune, tools, told)
@@ -203,9 +218,10 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     container = read_container(data, tools.limits)
     if isinstance(container.body, Exact):
         return code(gaussians, Coding(lossless=gaussians.is_per_pixel), tools)
-    turns = request.rotate is not None and gaussians.degree > 0  # a basis of SH does not turn along
+    # a basis of SH does not turn along
+    turns = (request.rotate is not None or request.level) and gaussians.degree > 0
     # Where the scene grew, steps of depth did not grow along.
-    keeps_pixels = request.views is None and request.scale == 1
+    keeps_pixels = request.views is None and request.scale == 1 and request.length is None
     if not isinstance(container.body, Planes) or not gaussians.is_per_pixel or turns or not keeps_pixels:
         coding = Coding(profile=container.profile, qp=container.qp)
         return code(gaussians, coding, tools, pruning=Pruning(keep_all))

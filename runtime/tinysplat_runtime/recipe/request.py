@@ -22,7 +22,7 @@ from ..scene import BACKGROUND, MOVING
 from ..system.files import StrPath, read_limited
 from . import words
 from .options import Options, option
-from .words import AutoViews, Refinement
+from .words import AutoViews, Length, Refinement
 
 if TYPE_CHECKING:
     from ..gaussian.gaussians import Gaussians
@@ -326,6 +326,8 @@ class ExportKeywords(NoteKeywords, total=False):
     sh_bits: Sequence[int] | str
     spz_version: int
     crop: Sequence[float] | str | None
+    level: bool
+    length: Length | str | None
     rotate: Sequence[float] | str | None
     scale: float
     translate: Sequence[float] | str
@@ -389,6 +391,11 @@ class ExportRequest(Noted, Sparse):
     crop: tuple[float, ...] | None = option(
         words.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
     )
+    level: bool = option(words.flag, False, help="turn and shift it upright: y down, the ground at 0")
+    length: Length | None = option(
+        words.length, metavar="VIEW:U,V,U,V=0.74m", help="scale it to metres by a length in a view, or X,Y,Z,X,Y,Z=…"
+    )
+    """Between two pixels of a view, counted as in the file, or between two points."""
     rotate: tuple[float, float, float, float] | None = option(
         words.turn, metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion"
     )
@@ -398,6 +405,11 @@ class ExportRequest(Noted, Sparse):
         words.cameras, metavar="SCENE", help="cameras of the photos, for --prune"
     )
     """Those of the photos that a list was made from, or what `load_cameras` reads."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.length is not None and self.scale != 1:
+            raise InputError("given with length, which says how much to enlarge; expected one of them", where="scale")
 
 
 class SaveKeywords(ExportKeywords, CodingKeywords, total=False):

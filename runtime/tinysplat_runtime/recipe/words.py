@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
 
+_METRES = {"mm": 0.001, "cm": 0.01, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
+
 _AXES = "x", "y", "z"
 
 ALL, FULL = "all", "full"
@@ -73,6 +75,21 @@ class Refinement:
 
     def __bool__(self) -> bool:
         return self.steps != 0
+
+
+@dataclass(frozen=True)
+class Length:
+    """A length that was measured.
+
+    Attributes:
+        metres: how long it is.
+        ends: two pixels (u, v) of a view, or two points (x, y, z) of the world, scene units.
+        view: of the pixels; None for points.
+    """
+
+    metres: float
+    ends: tuple[tuple[float, ...], tuple[float, ...]]
+    view: int | None = None
 
 
 def shown(value: object) -> str:
@@ -212,6 +229,21 @@ def turn(given: object) -> tuple[float, float, float, float]:
     if not any((w, x, y, z)):
         raise _refused(given, "AXIS,DEGREES such as x,90 or a quaternion w,x,y,z")
     return w, x, y, z
+
+
+def length(given: object) -> Length:
+    """`2:417,318,1204,322=0.74m`, two pixels of view 2 and their distance, or `X,Y,Z,X,Y,Z=74cm`, two points."""
+    if isinstance(given, Length):
+        return given
+    place, _, size = given.partition("=") if isinstance(given, str) else ("", "", "")
+    view, colon, ends = place.rpartition(":")
+    amount = size.strip().rstrip("".join(_METRES))
+    with contextlib.suppress(InputError, KeyError):
+        metres = positive(amount) * _METRES[size.strip()[len(amount) :].strip()]
+        values = numbers(4 if colon else 6)(ends)
+        half = len(values) // 2
+        return Length(metres, (values[:half], values[half:]), whole(view) if colon else None)
+    raise _refused(given, f"VIEW:U,V,U,V=0.74m or X,Y,Z,X,Y,Z=0.74m, in {', '.join(_METRES)}")
 
 
 def indices(given: object) -> tuple[int, ...]:

@@ -219,17 +219,24 @@ def range_guessed(cameras: Sequence[Camera]) -> tuple[float, float]:
 
     Good enough to choose views by.
     """
+    point = looked_at(cameras)
+    if point is not None:
+        depths = np.array([(point - camera.centre) @ camera.rotation[2] for camera in cameras])
+        depth = float(np.median(depths[depths > 0]))
+        return depth / 2, depth * 2
+    apart = float(np.linalg.norm(np.ptp([camera.centre for camera in cameras], axis=0))) or 1.0
+    return apart * 1.5, apart * 30
+
+
+def looked_at(cameras: Sequence[Camera]) -> NDArray | None:
+    """The point (3,) nearest to the axes of all cameras, where they converge and most have it in front of them."""
     centres = np.stack([camera.centre for camera in cameras])
     axes = np.stack([camera.rotation[2] for camera in cameras])
-    apart = float(np.linalg.norm(np.ptp(centres, axis=0))) or 1.0
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (V, 3, 3), what lies beside each axis
-    if np.linalg.eigvalsh(across.mean(axis=0))[0] > _CONVERGING:
-        point = np.linalg.solve(across.mean(axis=0), (across @ centres[:, :, None]).mean(axis=0)[:, 0])
-        depths = ((point - centres) * axes).sum(axis=1)
-        if (depths > 0).mean() > 0.5:
-            depth = float(np.median(depths[depths > 0]))
-            return depth / 2, depth * 2
-    return apart * 1.5, apart * 30
+    if np.linalg.eigvalsh(across.mean(axis=0))[0] <= _CONVERGING:
+        return None
+    point: NDArray = np.linalg.solve(across.mean(axis=0), (across @ centres[:, :, None]).mean(axis=0)[:, 0])
+    return point if (((point - centres) * axes).sum(axis=1) > 0).mean() > 0.5 else None
 
 
 def _costs(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> NDArray:
