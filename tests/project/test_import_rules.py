@@ -20,7 +20,7 @@ RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 
 ALLOWED_IN_RUNTIME = {*sys.stdlib_module_names, "numpy", "onnxruntime", "av", "tinysplat_runtime"}
 
-EXTRAS = {"safetensors", "plyfile", "zstandard", "PIL", "pillow_heif", "pxr", "pycolmap", "fsspec"}
+EXTRAS = {"safetensors", "plyfile", "zstandard", "PIL", "pillow_heif", "pxr", "pycolmap", "fsspec", "scipy"}
 """Packages that an extra brings, or which happen to be installed: functions alone may import them."""
 
 

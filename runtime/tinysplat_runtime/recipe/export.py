@@ -73,6 +73,11 @@ def exported(
         gaussians = crop(gaussians, request.crop[:3], request.crop[3:])
     if request.cameras is not None:
         gaussians = seen_from(gaussians, request.cameras)
+    if request.clean is not None:
+        from ..gaussian.clean import cleaned
+
+        as_list = not gaussians.is_per_pixel or is_drawn_whole(path)
+        gaussians = cleaned(gaussians, request.clean, as_list=as_list, threads=tools.threads, told=told)
     if request.level:
         from ..gaussian.level import levelled
 

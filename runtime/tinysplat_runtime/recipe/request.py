@@ -15,7 +15,7 @@ from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError
 from ..formats import SH_BITS, SPZ_VERSION, SPZ_VERSIONS
-from ..gaussian import OWN_VARIANCE
+from ..gaussian import MAP, OWN_VARIANCE, REMOVE
 from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
 from ..scene import BACKGROUND, MOVING
@@ -326,6 +326,7 @@ class ExportKeywords(NoteKeywords, total=False):
     sh_bits: Sequence[int] | str
     spz_version: int
     crop: Sequence[float] | str | None
+    clean: str | bool | None
     level: bool
     length: Length | str | None
     rotate: Sequence[float] | str | None
@@ -391,6 +392,14 @@ class ExportRequest(Noted, Sparse):
     crop: tuple[float, ...] | None = option(
         words.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
     )
+    clean: str | None = option(
+        words.text,
+        metavar="map",
+        usual=REMOVE,
+        choices=(REMOVE, MAP),
+        help="without floaters; map: with them in magenta (scipy)",
+    )
+    """Small groups of Gaussians that touch no others."""
     level: bool = option(words.flag, False, help="turn and shift it upright: y down, the ground at 0")
     length: Length | None = option(
         words.length, metavar="VIEW:U,V,U,V=0.74m", help="scale it to metres by a length in a view, or X,Y,Z,X,Y,Z=…"
