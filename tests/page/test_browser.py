@@ -19,6 +19,7 @@ from PIL import Image
 from scenes import make_smooth_gaussians, psnr
 
 import tinysplat_runtime as ts
+from tinysplat_runtime.gaussian.editing import crop
 from tinysplat_runtime.page.build import Shown, player_page, scene_files, scene_page
 from tinysplat_runtime.page.front import front_view
 
@@ -130,6 +131,64 @@ def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) ->
             break
     assert tab.evaluate("page.current") != 5
     tab.close()
+
+
+def test_a_length_is_measured_between_two_clicks(browser: Browser, tmp_path: Path) -> None:
+    for unit, said in (("metre", "m ±"), ("", "--length=")):
+        scene = make_smooth_gaussians(2, 48, 64)
+        data = ts.compress(scene, qp=-6, unit=unit)
+        gaussians = ts.decompress(data)
+        (tmp_path / "page.html").write_text(scene_page(data, Shown("scene", first=0)))
+        tab = browser.open((tmp_path / "page.html").as_uri(), 640, 480)
+        tab.ready()
+        tab.evaluate("measure.click()")
+        for x in (200, 440):
+            tab.drag(x, 240, 0, 0)
+        text = tab.wait("found.textContent.includes('±') && found.textContent")
+        assert said in text
+        depth = ts.render(gaussians, gaussians.cameras[0], outputs=("depth",))["depth"]
+        ends = []
+        for u in (20, 44):
+            ray = np.linalg.solve(gaussians.cameras[0].K, (u, 24, 1)) * depth[24, u]
+            ends.append(ray @ gaussians.cameras[0].rotation + gaussians.cameras[0].centre)
+        apart = float(np.linalg.norm(ends[1] - ends[0]))
+        assert abs(float(text.split()[0]) - apart) < 0.05 * apart
+        if not unit:
+            (tmp_path / "g.tsplat").write_bytes(data)
+            option = text.split()[-1].replace("0.74m", "2m")
+            ts.convert(tmp_path / "g.tsplat", tmp_path / "g.ply", length=option.partition("=")[2])
+            assert ts.load_gaussians(tmp_path / "g.ply").notes.unit == "metre"
+        tab.evaluate("measure.click()")
+        assert tab.evaluate("found.hidden && !document.querySelector('#overlay *')")
+        tab.close()
+
+
+def test_a_box_is_dragged_and_says_how_to_crop(browser: Browser, tmp_path: Path) -> None:
+    data = coded(2)
+    gaussians = ts.decompress(data)
+    (tmp_path / "page.html").write_text(scene_page(data, Shown("scene", first=0)))
+    for width, height in ((1280, 800), (390, 844)):
+        tab = browser.open((tmp_path / "page.html").as_uri(), width, height)
+        tab.ready()
+        tab.evaluate("crop.click()")
+        before = corners(tab)
+        kept = crop(gaussians, *before).count
+        assert 0.5 * gaussians.count < kept < gaussians.count
+        handle = "overlay.querySelectorAll('[tabindex]')[{}]"
+        spot = tab.evaluate(f"[...'xy'].map((k) => Number({handle.format(1)}.getAttribute('c' + k)))")
+        tab.drag(*spot, -20, 0)
+        after = corners(tab)
+        assert after[1, 0] < before[1, 0] and (np.delete(after, 3) == np.delete(before, 3)).all()
+        tab.evaluate(f"{handle.format(2)}.focus(), 0")
+        tab.send("Input.dispatchKeyEvent", type="keyDown", code="ArrowUp", key="ArrowUp")
+        assert corners(tab)[0, 1] > after[0, 1]
+        tab.close()
+
+
+def corners(tab: Tab) -> NDArray:
+    """(2, 3) of the box that the page says to crop to."""
+    text = tab.evaluate("found.textContent")
+    return np.array(text.partition("--crop=")[2].split(","), float).reshape(2, 3)
 
 
 OPEN = """() => {

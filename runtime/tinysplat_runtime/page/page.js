@@ -6,6 +6,7 @@ import { frontView } from "./front.js";
 import { FEW } from "./near.js";
 import { sceneOf, viewOf } from "./scene.js";
 import { mostDrawn } from "./splats.js";
+import { Tools } from "./tools.js";
 import { viewFrom, viewText } from "./view.js";
 import { Viewer } from "./viewer.js";
 
@@ -166,6 +167,7 @@ class Page {
     this.viewer.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.viewer.lose(); });
     this.viewer.canvas.addEventListener("webglcontextrestored", () => { this.isAgain = true; this.reopen?.()?.catch((error) => this.fail(error)); });
     this.panel = new Panel(this.viewer, () => this.#address());
+    this.tools = new Tools(this.viewer, find("found"), { measure: find("measure"), crop: find("crop") });
     globalThis.page = this.viewer; // for the console, and for checks
   }
 
@@ -218,6 +220,7 @@ class Page {
     if (this.viewer.wanted && this.linked && find("cover").className !== "done") return; // on the way to what the address names
     if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
     find("cover").classList.add("done");
+    this.tools.draw();
     this.wake?.();
   }
 
@@ -243,6 +246,7 @@ class Page {
     this.capture?.stop();
     this.capture = null;
     this.opening = opening ?? new AbortController();
+    this.tools.reset();
     find("open").hidden = find("fault").hidden = true;
     find("cover").classList.remove("done");
     delete document.body.dataset.whole;
@@ -261,6 +265,7 @@ class Page {
       show: (scene, cloud) => {
         this.viewer.show(scene, cloud, shown, first);
         this.panel.show(scene, cloud, about, shown);
+        this.tools.unit = about.notes.unit;
         this.panel.tell(scene.views.length, source.received ?? about.bytes, about.bytes);
         if (!shown) this.#begun();
         shown = true;
@@ -295,6 +300,7 @@ class Page {
       frame = scene.frame;
       isSame = true;
       this.panel.show(scene, cloud, about, false);
+      this.tools.unit = about.notes.unit;
       this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received ?? received, whole || about.bytes);
       if (isFirst) this.#begun();
     };
