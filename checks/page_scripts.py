@@ -37,8 +37,8 @@ def main() -> int:
         is_fresh = FILE.is_file() and build.scripts() != texts
         print(f"{FILE.name}: {'of these scripts' if is_fresh else 'of others; `make page` makes them anew'}")
         return int(not is_fresh)
-    decoder, page = map(smaller, texts)
-    made = {"of": build.scripts_digest(texts), "decoder": decoder, "page": page}
+    decoder, page, story = map(smaller, texts)
+    made = {"of": build.scripts_digest(texts), "decoder": decoder, "page": page, "story": story}
     FILE.write_bytes(gzip.compress(json.dumps(made).encode(), 9, mtime=0))
     print(f"{FILE}: a page without a scene takes {len(build.player_page()) / 1e3:.0f} KB")
     return 0

@@ -243,6 +243,9 @@ def _view(commands: Commands) -> None:
     parser.add_argument(
         "--photos", type=Input, metavar="SCENE", help="scene whose photos the page can show beside the render"
     )
+    parser.add_argument(
+        "--story", type=Input, nargs="?", const="", metavar="S.json", help="named views and notes; alone: to be made"
+    )
     parser.add_argument("--cameras", type=Input, metavar="cameras.json", help="views of a file that has none")
     parser.add_argument(
         "--background", type=colour, metavar="COLOUR", help=f"{_COLOUR}; default: of the scene's own colours"

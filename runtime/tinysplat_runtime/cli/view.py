@@ -25,8 +25,10 @@ from ..container.photos import Photos
 from ..container.reader import read_container
 from ..errors import InputError, within
 from ..formats.table import load_gaussians
+from ..gaussian.gaussians import Gaussians
 from ..page.build import SCENE, Shown, player_page, scene_files, scene_page
 from ..page.front import front_of, front_view
+from ..page.story import load_story, story_of
 from ..render import render
 from ..render.near import FEW
 from ..scene.cameras import Camera
@@ -64,7 +66,7 @@ def view(args: Namespace) -> None:
         path = args.html
         if args.as_files and path is None:
             raise InputError("goes with --html FOLDER", where="--files")
-        content = Content.of(args.file, args.cameras, args.photos, args.background, Voice(args.quiet))
+        content = Content.of(args.file, args.cameras, args.photos, args.background, args.story, Voice(args.quiet))
         if path is None:
             source = SCENE if content.view_count > FEW else None
             parts = {} if source is None else {source: content.data}
@@ -117,9 +119,13 @@ class Content:
         cameras_file: str | None,
         photos_of: str | None,
         background: tuple[float, float, float] | None = None,
+        story_file: str | None = None,
         told: Told = NOBODY,
     ) -> Content:
-        """Of a file, with views of `cameras_file` where it has none and the photos of the scene `photos_of`."""
+        """Of a file, with views of `cameras_file` where it has none, the photos of the scene `photos_of`, and a story:
+        of `story_file`, or where that is empty one that is yet to be made.
+        """
+        story = None if story_file is None else load_story(story_file) if story_file else story_of({})
         runtime = Runtime(told=told)
         data, views = _file(file, runtime)
         cameras = load_cameras(cameras_file) if cameras_file and not views else []
@@ -130,24 +136,26 @@ class Content:
             photos = _photos(load_scene(photos_of).with_masks(None), views or cameras, told)  # as they were taken
         first = front_view(views or cameras)
         front = (views or cameras)[first] if views or cameras else None
-        poster = _poster(runtime, data, front, bool(views), background)
-        title = printable(Path(file).stem)
-        return cls(data, len(views), Shown(title, cameras, photos, first, poster, background))
+        gaussians = _near(runtime, data, front if views else None)
+        front = front or front_of(gaussians)
+        if story is not None:
+            with within(story_file or ""):
+                story.check_scene(gaussians.flat().means + gaussians.origin, front.centre)
+        poster, title = _poster(gaussians, front, background), printable(Path(file).stem)
+        told_by = None if story is None else story.document
+        return cls(data, len(views), Shown(title, cameras, photos, first, poster, background, told_by))
 
 
-def _poster(
-    runtime: Runtime, data: bytes, camera: Camera | None, has_views: bool, background: tuple[float, float, float] | None
-) -> NDArray:
-    """The picture (H, W, 3) from a camera, of a capture by the views next to it alone; of a list, from the front where
-    there is none.
-    """
-    if has_views:
-        assert camera is not None
-        with runtime.open(io.BytesIO(data)) as file:
-            gaussians = file.near(camera)
-    else:
-        gaussians = runtime.decompress(data)
-        camera = camera or front_of(gaussians)
+def _near(runtime: Runtime, data: bytes, camera: Camera | None) -> Gaussians:
+    """What shows from a camera of a capture, by the views next to it alone; all of a list, where there is none."""
+    if camera is None:
+        return runtime.decompress(data)
+    with runtime.open(io.BytesIO(data)) as file:
+        return file.near(camera)
+
+
+def _poster(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float] | None) -> NDArray:
+    """The picture (H, W, 3) from a camera."""
     scale = min(1.0, POSTER_SIDE / max(camera.height, camera.width))
     small = camera.resized(round(scale * camera.height), round(scale * camera.width))
     picture: NDArray = render(gaussians, small, background=background or (0, 0, 0))

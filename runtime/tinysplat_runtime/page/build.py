@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
 from ..scene.pictures import jpeg_bytes
+from ..system.jsonfields import JsonObject
 from ..web import bundled
 
 _POLICY = (
@@ -49,6 +50,13 @@ FILES_POLICY = (
 SCENE = "scene.tsplat"
 """What a folder's scene is called."""
 
+STORY_STYLE = "story.css"
+"""What pages with a story have beside their style."""
+
+_START = 'import * as decoder from "./tsplat.js";\nimport { start } from "./page.js";\n'
+_START_STORY = _START + 'import * as story from "./story.js";\nstart(decoder, new Uint8Array(), story);\n'
+_START += "start(decoder, new Uint8Array());\n"
+
 SMALL = "small.json.gz"
 """Smaller scripts, and what they were made of."""
 
@@ -64,6 +72,7 @@ class Shown:
         first: the view that the page begins at.
         poster: (H, W, 3) in [0, 1] or uint8, that view's picture, shown until the scene is drawn.
         background: colour in [0, 1] where nothing is; None for what goes with the scene's own.
+        story: what `story.Story.document` is, which visitors may also change and save; None for none.
     """
 
     title: str
@@ -72,6 +81,7 @@ class Shown:
     first: int = 0
     poster: NDArray | None = None
     background: tuple[float, float, float] | None = None
+    story: JsonObject | None = None
 
 
 def scene_page(data: bytes, shown: Shown, source: str | None = None) -> str:
@@ -94,15 +104,18 @@ def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
     """As `scene_page`, as files of a folder for a web server, by name: for sites whose Content-Security-Policy allows
     scripts, styles and pictures of their own alone.
     """
-    decoder, page_script = scripts()
+    decoder, page_script, story_script = scripts()
     files = {
         SCENE: data,
         "tsplat.js": decoder.encode(),
         "page.js": page_script.encode(),
-        "start.js": b'import * as decoder from "./tsplat.js";\nimport { start } from "./page.js";\n'
-        b"start(decoder, new Uint8Array());\n",
+        "start.js": _START.encode(),
         "style.css": _text("style.css").encode(),
     }
+    if shown.story is not None:
+        files["story.js"] = story_script.encode()
+        files["start.js"] = _START_STORY.encode()
+        files["style.css"] += _text(STORY_STYLE).encode()
     pictures = {f"photo{i}.jpg": jpeg_bytes(photo, JPEG_QUANTISER) for i, photo in shown.photos.items()}
     if shown.poster is not None:
         pictures["poster.jpg"] = jpeg_bytes(shown.poster, JPEG_QUANTISER)
@@ -122,23 +135,23 @@ def player_page() -> str:
     return _page("TinySplat player", {"cameras": [], "photos": {}, "isPlayer": True}, "", sources="* data: blob:")
 
 
-def scripts() -> tuple[str, str]:
-    """Texts of the modules that decode and that show, in as few bytes as there are of them."""
+def scripts() -> tuple[str, str, str]:
+    """Texts of the modules that decode, that show, and that tell, in as few bytes as there are of them."""
     texts = scripts_as_written()
     small = importlib.resources.files(__package__) / SMALL
     if small.is_file():
         made = json.loads(gzip.decompress(small.read_bytes()))
         if made["of"] == scripts_digest(texts):
-            return made["decoder"], made["page"]
+            return made["decoder"], made["page"], made["story"]
     return texts
 
 
-def scripts_as_written() -> tuple[str, str]:
-    """Texts of the modules that decode and that show, each with all that it imports."""
-    return bundled(), bundled("page.js", __package__)
+def scripts_as_written() -> tuple[str, str, str]:
+    """Texts of the modules that decode, that show, and that tell, each with all that it imports."""
+    return bundled(), bundled("page.js", __package__), bundled("story.js", __package__)
 
 
-def scripts_digest(texts: tuple[str, str]) -> str:
+def scripts_digest(texts: Sequence[str]) -> str:
     """What smaller scripts say that they were made of."""
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()
 
@@ -147,12 +160,13 @@ def _scene(shown: Shown, photos: Mapping[int, str], source: str | None) -> dict[
     """What the page's script is told; photos by their addresses."""
     own = [_camera(camera) for camera in shown.cameras]
     said = {"cameras": own, "isPlayer": False, "first": shown.first, "photos": dict(photos), "source": source}
-    return said if shown.background is None else {**said, "background": shown.background}
+    more = {"background": shown.background, "story": shown.story}
+    return said | {name: value for name, value in more.items() if value is not None}
 
 
 def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, poster: str | None = None) -> str:
-    code = json.dumps(scripts()).encode()
-    start, style = _text("start.js"), _text("style.css")
+    code = json.dumps(scripts() if "story" in scene else scripts()[:2]).encode()
+    start, style = _text("start.js"), _text("style.css") + (_text(STORY_STYLE) if "story" in scene else "")
     policy = _POLICY.format(start=_hash(start), style=_hash(style), sources=sources)
     packed = _base85(gzip.compress(code, 9, mtime=0))
     return _filled(

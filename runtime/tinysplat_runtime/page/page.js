@@ -152,7 +152,7 @@ const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => 
 const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
 
 class Page {
-  decoder; given; isBare; isEmbedded; first;
+  decoder; given; story; isBare; isEmbedded; first;
   constructor(decoder, given, options) {
     const isBare = options.has("bare"), isEmbedded = options.has("embed"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
     document.body.classList.toggle("bare", isBare);
@@ -180,13 +180,17 @@ class Page {
   }
 
   #goLinked(isAtOnce) {
-    const { scene, bound } = this.viewer, found = viewFrom(this.linked, scene.frame);
-    if (!found) return false;
-    const { zoom, ...pose } = found;
+    const found = viewFrom(this.linked, this.viewer.scene.frame);
+    if (found) this.goTo(found, isAtOnce);
+    return Boolean(found);
+  }
+
+  // To a view as addresses and stories have it.
+  goTo({ zoom, ...pose }, isAtOnce) {
+    const { bound } = this.viewer;
     this.viewer.goTo(bound ? { ...pose, K: bound.foot(pose).K } : pose, isAtOnce, zoom);
     this.viewer.touched = this.viewer.isAway = true;
     this.panel.shown();
-    return true;
   }
 
   #view() { return viewText(this.viewer.camera, this.viewer.scene.frame, this.viewer.cloud.depth); }
@@ -221,6 +225,7 @@ class Page {
     if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
     find("cover").classList.add("done");
     this.tools.draw();
+    this.story?.draw();
     this.wake?.();
   }
 
@@ -328,7 +333,9 @@ class Page {
 
   // Once something can be seen: to what the address names, and a word on how to look around.
   #begun() {
-    if (!(this.linked && this.#goLinked(true)) && !this.isBare && !this.isEmbedded) hint(matchMedia("(pointer: coarse)").matches);
+    const isLinked = this.linked && this.#goLinked(true);
+    if (this.story) this.story.begin(isLinked || this.isBare);
+    else if (!isLinked && !this.isBare && !this.isEmbedded) hint(matchMedia("(pointer: coarse)").matches);
   }
 
   async openOwn(bytes) {
@@ -395,12 +402,14 @@ const tapped = () => new Promise((done) => {
   };
 });
 
-// decoder: tsplat.js; own: the file that the page carries, empty where it has none.
-export async function start(decoder, own) {
+// decoder: tsplat.js; own: the file that the page carries, empty where it has none; story: story.js, where there is one.
+export async function start(decoder, own, story) {
+  const source = story && own.length ? `<!DOCTYPE html>\n${document.documentElement.outerHTML}` : ""; // before anything changes
   find("blocked")?.remove();
   const given = JSON.parse(find("scene").textContent), options = optionsOf(location);
   const page = new Page(decoder, given, options);
   page.panel.photos = given.photos;
+  if (story && given.story) page.story = new story.Story(page, given.story, source);
   if (given.isPlayer) page.listen();
   try {
     await nextFrame(); // the poster first

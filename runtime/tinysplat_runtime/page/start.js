@@ -15,7 +15,7 @@ function bytesOf(id) { // of base 85: five digits are four bytes, the last ones 
 
 const text = new Response(new Blob([bytesOf("code")]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 const load = (code) => import(URL.createObjectURL(new Blob([code], { type: "text/javascript" })));
-text.then(JSON.parse).then(async ([decoder, page]) => (await load(page)).start(await load(decoder), bytesOf("file"))).catch((error) => {
+text.then(JSON.parse).then(async ([decoder, page, story]) => (await load(page)).start(await load(decoder), bytesOf("file"), story && (await load(story)))).catch((error) => {
   document.getElementById("status").textContent = `This page cannot start: ${error.message}`;
   document.getElementById("blocked")?.remove();
 });
