@@ -21,7 +21,7 @@ from tinysplat_runtime.page.story import load_story
 MARKUP = "<img src=x onerror=alert(1)></script><b>"
 VIEWS = [
     {"title": "All of it", "text": "From the front.", "view": "0,0,0,0,0"},
-    {"title": MARKUP, "text": "", "view": "0.1,0,0.5,3,-2,1,1.5"},
+    {"title": MARKUP, "text": "", "view": "0.05,0,0.05,1,-1,1,1.2"},
 ]
 STORY: dict[str, Any] = {
     "seconds": 0,
@@ -106,7 +106,7 @@ def test_a_visitor_goes_through_a_story(
     box = tab.evaluate(f"(({{ left, right, bottom }}) => [left, right, bottom])({bar}.getBoundingClientRect())")
     assert 0 <= box[0] < box[1] <= width and box[2] <= height
     tab.wait("document.querySelectorAll('.note')[1].matches('.behind, [hidden]')")
-    assert not tab.evaluate("document.querySelector('.note').matches('.behind, [hidden]')")
+    tab.wait("!document.querySelector('.note').matches('.behind, [hidden]')")
     tab.close()
 
 
