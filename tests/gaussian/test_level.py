@@ -47,6 +47,8 @@ ANGLES = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 RING = np.stack([np.sin(ANGLES), 0 * ANGLES, -np.cos(ANGLES)], axis=1)
 LINE = np.stack([np.linspace(-1, 1, 12), np.zeros(12), np.zeros(12)], axis=1)
 NONE = np.zeros((0, 3))
+_START = np.repeat(np.random.default_rng(2).uniform((-2, -1, 4), (2, 1, 5), (60, 3)), 50, axis=0)
+STREAKS = _START * np.tile(np.linspace(1, 1.5, 50), 60)[:, None] + np.random.default_rng(3).normal(0, 0.005, (3000, 3))
 
 SURE: dict[str, Callable[[], tuple[list[Camera], NDArray]]] = {
     "a turntable": lambda: (cameras(-RING + (0, 0.6, 0), 3 * RING), surface(spread=0.5)),
@@ -60,6 +62,7 @@ SURE: dict[str, Callable[[], tuple[list[Camera], NDArray]]] = {
 UNSURE: dict[str, Callable[[], tuple[list[Camera], NDArray]]] = {
     "two photos": lambda: (cameras(np.array([0, 0.5, 1]), LINE[:2]), NONE),
     "cameras in a line, all looking down": lambda: (cameras(np.array([0, 1, 1]), LINE), surface(spread=0.5)),
+    "streaks along the view": lambda: (cameras(np.array([0, -0.2, 1]), 0.3 * LINE), STREAKS),
     "a floor or a wall": lambda: (cameras(np.array([0, 1, 0.02]), LINE - (0, 5, 0)), surface(FLOOR)),
     "nothing": lambda: ([], NONE),
 }

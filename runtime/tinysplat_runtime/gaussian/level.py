@@ -39,9 +39,9 @@ _ROLL, _ALIKE = 2.0, 3.0  # least standard deviation of cameras' roll in degrees
 _PATCHES = 40.0  # independent normals among all
 _CLEAR, _RIVAL = 0.12, 1.5  # share of all surfaces that is a floor, and over the largest that is tilted by 20° and more
 _CHANCE = 0.3  # share of walls that means something; of random normals an eighth are walls
-# A wall seen from the front and a floor seen from above look alike. Which it is, the cameras have to say: a floor needs
-# this cosine to their mean up, a wall a vertical that other cues know within so many degrees.
-_FROM_ABOVE, _ROUGH = 0.75, 20.0
+# A wall seen from the front and a floor seen from above look alike. Which it is, the cameras have to say: surfaces count
+# with this cosine at least between the vertical and `_mean_up`, walls where other cues know it within so many degrees.
+_LIKELY, _ROUGH = 0.75, 20.0
 _OPAQUE = 0.3
 
 
@@ -101,7 +101,7 @@ def level_of(cameras: Sequence[Camera], points: NDArray, areas: NDArray | None =
     for degrees in _HALF_DEGREES:
         up = _fitted(up, rights, normals, weights, float(np.sin(np.radians(degrees))))
     up = up if up @ mean_up >= 0 else -up
-    off, evidence = _judged(up, rights, normals, weights, rival if up @ mean_up > _FROM_ABOVE else 1.0)
+    off, evidence = _judged(up, rights, normals, weights if up @ mean_up > _LIKELY else 0 * weights, rival)
     rotation = _turn(up)
     middle = _middle(cameras, points)
     away = np.linalg.norm(points - middle, axis=1)
@@ -147,7 +147,7 @@ def _guessed(rights: NDArray, normals: NDArray, weights: NDArray, mean_up: NDArr
     along = np.abs(ways @ normals.T)
     floors, walls = (along > _FLOOR) @ weights, (along < _WALL) @ weights
     held = (1 / (1 + (ways @ rights.T / _WALL) ** 2)).mean(axis=1) if len(rights) else 0.0
-    best = ways[int(np.argmax(held + floors + walls + 0.4 * (ways @ mean_up)))]
+    best = ways[int(np.argmax(held + floors + 0.7 * walls + 0.8 * (ways @ mean_up)))]
     elsewhere = np.abs(ways @ best) < np.cos(np.radians(20))
     return best, float(floors[elsewhere].max(initial=0.0))
 
