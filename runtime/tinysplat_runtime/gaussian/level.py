@@ -39,7 +39,7 @@ _ROLL, _ALIKE = 2.0, 3.0  # least standard deviation of cameras' roll in degrees
 _PATCHES = 40.0  # independent normals among all
 _CLEAR, _RIVAL = 0.12, 1.5  # share of all surfaces that is a floor, and over the largest that is tilted by 20° and more
 _CHANCE = 0.3  # share of walls that means something; of random normals an eighth are walls
-# A wall seen from the front and a floor seen from above look alike. Which it is, the cameras have to say: surfaces count
+# A wall seen from ahead and a floor seen from above look alike. Which it is, the cameras have to say: surfaces count
 # with this cosine at least between the vertical and `_mean_up`, walls where other cues know it within so many degrees.
 _LIKELY, _ROUGH = 0.75, 20.0
 _OPAQUE = 0.3

@@ -60,7 +60,7 @@ def exported(
 
         if len(parts) > 1:
             raise InputError(f"of {len(parts)} files, expected one", where="length")
-        found = measured(parts[0][1], request.length, tools.threads)
+        found = measured(parts[0][1], request.length)
         told.say("notice", str(found))
     chosen = []
     for name, part in parts:
