@@ -188,7 +188,9 @@ def _check_placement(placement: Placement) -> None:
     within = f"most points are seen from directions within {placement.parallax:.1f}°"
     loose = _of(len(placement.uncertain), len(placement.right), "place", "uncertain")
     if placement.only_turns:
-        raise InputError(f"the camera only turned or zoomed at one place: that shows no depth; {ASIDE}")
+        raise InputError(
+            f"as far as photos tell, the camera only turned or zoomed at one place: that shows no depth; {ASIDE}"
+        )
     if not placement.shows_depth:
         raise InputError(f"the camera hardly moved, or only turned ({within}, {loose}): that shows no depth; {ASIDE}")
 
@@ -409,6 +411,8 @@ def _copied(source: Path, found: Sequence[str], photos: Path, voice: Voice) -> d
         _say(source, f"{twin} is the very file {first} and is left out{more}")
     kept = [name for name in found if name not in twins]
     called, turned = upright_copies(source, kept, photos, voice)
+    if foreign := [name for name, copy in called.items() if Path(copy).suffix != Path(name).suffix.lower()]:
+        voice.say("notice", f"{len(foreign)} of {len(kept)} photos ({_kinds(foreign)}) become JPEG", source)
     if turned:
         voice.say("notice", f"{turned} of {len(kept)} photos turned as their Exif orientation says", source)
     return {copy: name for name, copy in called.items()}

@@ -34,8 +34,8 @@ SMALL_SIDE = 800
 """Photos of at most so many pixels across have their features found in a picture twice as large."""
 
 TOLERANCE, FINEST = 4.0, 1.5
-"""Pixels that a feature may lie off, in photos of `SMALL_SIDE` pixels and more; COLMAP's. In smaller ones so much fewer
-as they are smaller, but for the second: else what fits by chance moves focal lengths and places."""
+"""Pixels that a feature may lie off, as COLMAP has them. In photos smaller than `SMALL_SIDE` so many times fewer, at
+first, but not fewer than the second: what fits by chance moves focal lengths and places."""
 
 T = TypeVar("T")
 
@@ -85,7 +85,7 @@ def place(
     are_few = len(names) <= FEW
     every = [(i, j) for j in range(len(names)) for i in range(j)] if are_few else []
     height, width = image_size(photos / names[0])
-    off = max(TOLERANCE * min(1.0, max(height, width) / SMALL_SIDE), FINEST)
+    off = max(TOLERANCE * min(1.0, max(height, width) / SMALL_SIDE), FINEST) if len(names) <= MORE else TOLERANCE
     steps = ahead(len(names), len(every) if are_few else _PAIRS_A_PHOTO * len(names), height * width)
     told.plan(steps)
     _find_features(photos, names, database, threads, rig=rig, lenses=lenses, told=told)
@@ -101,15 +101,26 @@ def place(
     pairs = every or pairs_of_many(shared, ALIKE)
     _match(names, pairs, database, threads, off=off, told=told)
     found = judged(_mapped(photos, database, len(names), off=off, told=told), database, off)
-    is_whole = found is not None and len(found.right) == len(names) and (are_few or not found.uncertain)
-    if len(names) <= MORE and not is_whole:
+
+    def is_whole(one: Placement | None) -> bool:
+        return one is not None and len(one.right) == len(names) and (are_few or not one.uncertain)
+
+    if off < TOLERANCE and not is_whole(found):
+        with pycolmap.Database.open(database) as opened:
+            opened.clear_two_view_geometries()
+        _match(names, pairs, database, threads, off=TOLERANCE, told=told)
+        loose = judged(_mapped(photos, database, len(names), off=TOLERANCE, told=told), database, TOLERANCE)
+        found = max((one for one in (loose, found) if one is not None), key=Placement.worth, default=None)
+    if len(names) <= MORE and not is_whole(found):
         with pycolmap.Database.open(database) as opened:
             opened.clear_matches()
             opened.clear_two_view_geometries()
         again_pairs = every or pairs_of_many(shared, MORE_ALIKE)
         told.plan([(_CAREFULLY, 1.5 * len(again_pairs) / len(pairs) * dict(steps)[_MATCHING]), *steps[-2:]])
-        _match(names, again_pairs, database, threads, off=off, is_careful=True, told=told)
-        again = judged(_mapped(photos, database, len(names), off=off, is_careful=True, told=told), database, off)
+        _match(names, again_pairs, database, threads, off=TOLERANCE, is_careful=True, told=told)
+        again = judged(
+            _mapped(photos, database, len(names), off=TOLERANCE, is_careful=True, told=told), database, TOLERANCE
+        )
         found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
     if found is None:
         raise NonePlacedError(_NONE_PLACED)
