@@ -150,3 +150,18 @@ def test_bundlers_counts_are_held_against_its_lines(folder: Path) -> None:
 def test_photos_that_are_nowhere_are_named(folder: Path) -> None:
     (folder / "images/0000.png").unlink()
     assert tells(refused(load_scene, realityscan(folder)), "0000.png images/")
+
+
+def test_skew_of_metashape_is_resampled(folder: Path) -> None:
+    """A column, leaning as b2 says, stands upright in the middle of the picture, and half as high moves half as far."""
+    b2 = 12.0
+    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    leaning = np.exp(-((u - WIDTH / 2 - b2 * (v - HEIGHT / 2) / F) ** 2) / 18)
+    write_png(folder / "images/0000.png", np.repeat(leaning[..., None], 3, axis=2).astype(np.float32))
+    frame = load_scene(metashape(folder, b2=b2)).frames[0]
+    assert frame.lens is not None and not frame.camera.K[0, 1]
+    image = frame.image()[..., 0]
+    where = (image * (np.arange(WIDTH) + 0.5)).sum(axis=1) / image.sum(axis=1)
+    np.testing.assert_allclose(where, WIDTH / 2, atol=0.1)
+    small = frame.resized(HEIGHT // 2, WIDTH // 2).image()[..., 0]
+    np.testing.assert_allclose((small * (np.arange(WIDTH // 2) + 0.5)).sum(1) / small.sum(1), WIDTH / 4, atol=0.1)

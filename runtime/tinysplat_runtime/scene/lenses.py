@@ -39,12 +39,14 @@ class Lens:
         model: COLMAP's name, such as OPENCV.
         params: the model's parameters in COLMAP's order, pixels where they are lengths.
         width, height: of the photo, pixels.
+        shear: pixels by which each row lies farther to the right than the one above it.
     """
 
     model: str
     params: tuple[float, ...]
     width: int
     height: int
+    shear: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -57,7 +59,7 @@ class Lens:
     @property
     def is_pinhole(self) -> bool:
         """Whether photos can be used as they are."""
-        return self.model in PINHOLES
+        return self.model in PINHOLES and not self.shear
 
     def camera(self, c2w: ArrayLike) -> Camera:
         """The pinhole camera at pose `c2w` of photos that went through `undistort`.
@@ -70,7 +72,9 @@ class Lens:
 
     def undistort(self, photo: NDArray) -> NDArray:
         """The photo (H, W, 3) uint8 as a pinhole camera would have taken it; of another size unless `is_pinhole`."""
-        if self.is_pinhole:
+        if self.shear:
+            photo = _unsheared(photo, self.shear, self.params[-2 if self.model == "SIMPLE_PINHOLE" else 3])
+        if self.model in PINHOLES:
             return photo
         pycolmap = _pycolmap(self.model)
         bitmap, _ = pycolmap.undistort_image(
@@ -85,7 +89,7 @@ class Lens:
         factors = ((x + y) / 2, x, y) if is_one else (x, y, x, y)
         rest = (1.0,) * (len(self.params) - len(factors))
         params = tuple(value * factor for value, factor in zip(self.params, (*factors, *rest), strict=False))
-        return Lens(self.model, params, width, height)
+        return Lens(self.model, params, width, height, self.shear * x / y)
 
     @cached_property
     def _distorted(self) -> Any:
@@ -101,7 +105,7 @@ class Lens:
     @cached_property
     def _pinhole(self) -> tuple[NDArray, int, int]:
         """K, width and height of undistorted photos."""
-        if self.is_pinhole:
+        if self.model in PINHOLES:
             if len(self.params) != PINHOLES[self.model]:
                 raise InputError(f"{len(self.params)} parameters for the model {self.model}", where="camera")
             fx, fy, cx, cy = self.params if self.model == "PINHOLE" else (self.params[0], *self.params)
@@ -113,6 +117,21 @@ class Lens:
             said = " ".join(str(error).split())[:120]
             raise InputError(f"cannot be undistorted ({said})", where="camera") from None
         return np.array(camera.calibration_matrix()), int(camera.width), int(camera.height)
+
+
+def _unsheared(photo: NDArray, shear: float, middle: float) -> NDArray:
+    """The photo (H, W, 3) uint8 with each row moved to where it lies without shear, in linear interpolation; pixels at
+    the border are repeated. `middle` is the row that stays.
+    """
+    width = photo.shape[1]
+    moved = np.empty_like(photo)
+    for row, pixels in enumerate(photo):
+        at = np.clip(np.arange(width) + shear * (row + 0.5 - middle), 0, width - 1)
+        left = np.minimum(at.astype(int), max(width - 2, 0))
+        share = (at - left)[:, None]
+        beside = pixels[np.minimum(left + 1, width - 1)]
+        moved[row] = np.rint(pixels[left] * (1 - share) + beside * share)
+    return moved
 
 
 def opencv_lens(

@@ -3,7 +3,8 @@
 A camera's transform leads from the camera, whose axes are OpenCV's, to its chunk, of which a component has the scale:
 lengths are metres where that is known. Components are not aligned to each other, so the largest is read. Distortion is
 of X/Z and Y/Z, or of the angle in fisheyes: k1 to k4 by even powers of the radius, p1 and p2 in the reverse of
-OpenCV's order; b1 is fx − fy and b2 a skew. Source: Agisoft Metashape User Manual, appendix C, "Camera models".
+OpenCV's order; b1 is fx − fy and b2 a skew, which is taken out as distortion is. Source: Agisoft Metashape User
+Manual, appendix C, "Camera models".
 
 Trust boundary: documents with a type or entities of their own are refused before they are parsed.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -25,7 +27,7 @@ from .tracked import Track, Tracked, number, numbers
 
 SIGN = rb"<document\b[^>]*>\s*(<\w+[^>]*/>\s*)*<chunk\b"
 
-_UNREAD = ("k5", "k6", "p3", "p4", "b2")
+_UNREAD = ("k5", "k6", "p3", "p4")
 _TYPES = ("frame", "fisheye")
 _HARDLY = 0.5  # pixels at the border that a term may move unread
 
@@ -94,15 +96,18 @@ def _lens(sensor: ElementTree.Element, size: tuple[int, int]) -> Lens:
         else size[::-1]
     )
     for term in _UNREAD:
-        if abs(value(term)) * (0.5 if term == "b2" else max(width, height)) > _HARDLY:
+        if abs(value(term)) * max(width, height) > _HARDLY:
             raise InputError(f"{value(term):g}, which no camera here has: export without it", where=f"{name}.{term}")
     fx, fy = value("fx") or value("f") + value("b1"), value("fy") or value("f")
     centre = (width / 2 + value("cx"), height / 2 + value("cy"))
     radial, tangential = [value(f"k{n}") for n in range(1, 5)], (value("p2"), value("p1"))
+    shear = value("b2") / fy if fy and abs(value("b2")) * height / 2 > _HARDLY * abs(fy) else 0.0
     with within(name):
         if kind == "fisheye":
-            return opencv_lens((fx, fy), centre, [*radial, 0.0, 0.0, *tangential], (height, width), fisheye=True)
-        return brown_lens((fx, fy), centre, radial, tangential, (height, width))
+            lens = opencv_lens((fx, fy), centre, [*radial, 0.0, 0.0, *tangential], (height, width), fisheye=True)
+        else:
+            lens = brown_lens((fx, fy), centre, radial, tangential, (height, width))
+        return replace(lens, shear=shear)
 
 
 def _values(calibration: ElementTree.Element, name: str) -> Callable[[str], float]:
