@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pillow_heif
 from formats.foreign import glb_of_spz
+from PIL import Image
 from scene import trackers
 from scenes import (
     colmap_texts,
@@ -237,6 +238,15 @@ def heic_seeds() -> tuple[bytes, ...]:
             ".heic", lambda path: pillow_heif.from_bytes("RGB", (24, 16), pixels.tobytes()).save(path, quality=60)
         ),
     )
+
+
+def pillow_seeds() -> tuple[bytes, ...]:
+    """WebP and TIFF photos of 24×16 with Exif that tells their lens; libtiff, which prints, reads compressed ones."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x920A: 5.7, 0xA405: 26, 0xA434: "of glass"})
+    photo = Image.fromarray(make_photo(16, 24))
+    kinds = ((".webp", {"lossless": True}), (".webp", {}), (".tif", {}))
+    return tuple(_written(end, lambda path, how=how: photo.save(path, exif=exif, **how)) for end, how in kinds)
 
 
 def profile_seeds() -> tuple[bytes, ...]:

@@ -35,7 +35,7 @@ from tinysplat_runtime.graphs.predict import predict
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.colours import of_icc, to_srgb
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import is_transparent, read_image
+from tinysplat_runtime.scene.images import is_transparent, read_image, taken_with
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 from tinysplat_runtime.scene.masks import Mask
 
@@ -363,6 +363,8 @@ TARGETS: dict[str, Target] = {
         Target("mask", _from_file(".png", corpus.mask_seeds, _mask), (InputError,)),
         Target("panorama", _from_file(".mp4", corpus.panorama_seeds, _panorama), (InputError,)),
         Target("heic", _from_file(".heic", corpus.heic_seeds, read_image), (InputError,)),
+        Target("webp and tiff", _from_file(".webp", corpus.pillow_seeds, read_image), (InputError,)),
+        Target("lens", _from_file(".webp", corpus.pillow_seeds, taken_with), (InputError,)),
         Target("profile", _from_file(".icc", corpus.profile_seeds, _profile), (InputError,)),
         Target("video", _from_file(".mp4", corpus.video_seeds, _video), (InputError,)),
         Target("onnx", _from_file(".onnx", corpus.model_seeds, _model), (ModelError,)),

@@ -254,11 +254,11 @@ class EncodeRequest(Noted, Coding, Sparse):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        target = [name for name in self.rates if name != "qp"]
+        unfit = [name for name in self.rates if name != "qp" and (self.mode == PHOTOS or name in ("lossless", "like"))]
         is_listed = self.mode in (LIST, EITHER)
-        if target and (self.mode == PHOTOS or (is_listed and set(target) & {"lossless", "like"})):
-            only = "with a target, lossless or like, which only gaussians can be given"
-            raise InputError(f"'{self.mode}' {only}", where="mode")
+        if unfit and (self.mode == PHOTOS or is_listed):
+            option = unfit[0].replace("_", "-")
+            raise InputError(f"'{self.mode}' with --{option}, expected --mode {DEFAULT_MODE}", where="mode")
         if self.refine and self.mode == PHOTOS:
             only = f"with --mode {self.mode}, whose files carry no Gaussians that were refined"
             raise InputError(only, where="refine")

@@ -6,6 +6,7 @@ Trust boundary: Pillow's own readers of these two kinds alone, after the size wa
 from __future__ import annotations
 
 import io
+import logging
 import warnings
 from typing import Any
 
@@ -56,6 +57,7 @@ def opened(data: bytes) -> tuple[Any, int]:
         from PIL import Image
     except ImportError:
         raise InputError(f"a WebP or TIFF photo; {INSTALL} reads it") from None
+    logging.getLogger("PIL").setLevel(logging.CRITICAL)  # what it says of damage comes as an error of ours
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damage, which decoding finds
