@@ -102,8 +102,7 @@ def listed(
         The list, the photos as the network had them, and doubts.
 
     Raises:
-        InputError: the scene or an option cannot be used, six photos or fewer, memory does not suffice, or numba is
-            missing.
+        InputError: the scene or an option cannot be used, memory does not suffice, or numba is missing.
         ModelError, NumericError: see `Runtime.predict`.
     """
     made = _made(request, tools, told, stats or EncodeStats(), is_coded=False)

@@ -27,8 +27,7 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[
         told: is told what was chosen, or what it would take.
 
     Raises:
-        InputError: photos that take more memory than is free, with what was asked for; a list of six photos or fewer,
-            or without numba.
+        InputError: photos that take more memory than is free, with what was asked for; a list without numba.
     """
     few, lacks = len(scene.frames) <= FEW, find_spec("numba") is None
     if request.mode == EITHER and (few or lacks):
