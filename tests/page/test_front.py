@@ -24,6 +24,17 @@ def test_the_middle_of_a_row_is_in_front() -> None:
     assert front_view(cameras[:1]) == front_view([]) == 0
 
 
+def test_about_an_object_that_all_photos_show_the_middle_of_the_way_is_in_front() -> None:
+    K = np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1.0]])
+    cameras = []
+    for degrees in range(-80, 81, 20):
+        c2w = np.eye(4)
+        c2w[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+        c2w[:3, 3] = -4 * c2w[:3, 2]
+        cameras.append(Camera(K, c2w, 64, 48))
+    assert front_view(cameras) == 4
+
+
 START = 'import { frontView, sideOf } from "./front.js"; import { viewOf } from "./scene.js";'
 
 

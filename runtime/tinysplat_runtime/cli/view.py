@@ -138,6 +138,8 @@ class Content:
         front = (views or cameras)[first] if views or cameras else None
         gaussians = _near(runtime, data, front if views else None)
         front = front or front_of(gaussians)
+        if not (views or cameras):
+            first = front_view(gaussians.viewpoints)
         if story is not None:
             with within(story_file or ""):
                 story.check_scene(gaussians.flat().means + gaussians.origin, front.centre)

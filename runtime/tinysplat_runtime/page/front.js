@@ -6,6 +6,7 @@ const CONVERGING = 0.01; // least spread of directions of view whose common poin
 const SIDES = 16, CELLS = 48, DETAIL = 4; // directions that an object is looked at from, cells of a picture's side, and what contrast counts beside area
 const SIZE = 640, FILLED = 0.9; // pixels of the picture's side, and how much of it the bulk takes
 const BULK = [0.03, 0.97], SAMPLED = 20000; // shares that bound it on each axis, and points that are looked at
+const NEARLY = 0.95; // share of the most that is shown from which on a view shows nearly as much
 const OPAQUE = 0.1, LUMA = [0.3, 0.59, 0.11], SH_C0 = 0.28209479177387814;
 
 // Near and far of what cameras look at together, from where they stand alone.
@@ -23,7 +24,7 @@ function rangeOf(views) {
   return [1.5 * apart, 30 * apart];
 }
 
-// Index of the view (scene.js) that has most of what all have in their frames.
+// Index of the view (scene.js) in the middle of those that have nearly most of what all have in their frames.
 export function frontView(views) {
   if (views.length < 2) return 0;
   const [near, far] = rangeOf(views), points = [];
@@ -38,7 +39,10 @@ export function frontView(views) {
     const [x, y, z] = rotation.map((row) => dot(row, add(point, position, -1))), u = (fx * x + skew * y) / z + cx, v = (fy * y) / z + cy;
     return z > near / 2 && z < 2 * far && u >= 0 && v >= 0 && u <= width && v <= height;
   }).length);
-  return seen.indexOf(Math.max(...seen));
+  const most = Math.max(...seen);
+  const away = views.map(({ position }) => views.reduce((sum, other) => sum + length(add(position, other.position, -1)), 0) / views.length);
+  const farthest = Math.max(...away, 1e-30), ranks = away.map((far, v) => (seen[v] >= NEARLY * most ? Math.round((1e9 * far) / farthest) : Infinity));
+  return ranks.indexOf(Math.min(...ranks));
 }
 
 // Of Gaussians that belong to no pixels, the side that shows most: a view of their bulk, in the file's world.

@@ -38,13 +38,23 @@ OPAQUE = 0.1
 _LUMA = np.array([0.3, 0.59, 0.11])
 
 
+NEARLY = 0.95
+"""Share of the most that is shown from which on a view shows nearly as much."""
+
+
 def front_view(cameras: Sequence[Camera]) -> int:
-    """Index of the camera that has most of what all have in their frames, of equal ones the first; 0 of none."""
+    """Index of the camera in the middle of those that have nearly most of what all have in their frames; 0 of none.
+
+    About an object all show as much, and what the first and the last show, few others have seen.
+    """
     if len(cameras) < 2:
         return 0
     near, far = range_guessed(cameras)
     points = np.concatenate([points_seen(camera, near, far) for camera in cameras])
-    return int(np.argmax([sees(camera, points, near, far).sum() for camera in cameras]))
+    seen = np.array([sees(camera, points, near, far).sum() for camera in cameras])
+    centres = np.stack([camera.centre for camera in cameras])
+    away = np.linalg.norm(centres[:, None] - centres, axis=-1).mean(axis=1)
+    return int(np.argmin(np.where(seen >= NEARLY * seen.max(), np.round(away / max(away.max(), 1e-30), 9), np.inf)))
 
 
 def front_of(gaussians: Gaussians) -> Camera:
