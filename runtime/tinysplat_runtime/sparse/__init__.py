@@ -3,7 +3,7 @@
 LEAST_GAUSSIANS, MOST_GAUSSIANS = 2_000, 500_000
 """How many a list begins with where nobody says: as many as its photos have detail (`start.needed`), within these."""
 
-STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 50, 450, 4_000
+STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 60, 450, 4_000
 """Usual steps: so many a photo, between these; the least are more for photos with more texture."""
 
 PLAIN, ROUGH = 0.125, 2.0

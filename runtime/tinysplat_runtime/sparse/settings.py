@@ -23,7 +23,6 @@ class Settings:
         seen: share of a full-size photo's tiles that a step looks at, drawn anew in each.
         detail: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels; of
             fewer than `many` photos fewer, by the fourth root of their number, as few photos are soon overfitted.
-        plain: contrast that is added: where there is none, colours still change slowly.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.
@@ -49,7 +48,6 @@ class Settings:
     seen: float = 0.5
     detail: float = 0.8
     many: int = 24
-    plain: float = 0.01
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10

@@ -57,11 +57,11 @@ class Surface:
         weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
         if not any(weight.any() for weight in weights):
             weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
-        shown = contrasts[weights[0] > 0]
-        detail = float(np.sqrt(shown + settings.plain).sum(dtype=np.float64))
+        roots = np.sqrt(contrasts[weights[0] > 0])
         share = settings.detail * min(len(photos) / settings.many, 1) ** 0.25
-        needed = round(min(max(share * finer * detail, LEAST_GAUSSIANS), MOST_GAUSSIANS))
-        return cls(capture, weights, needed, float(np.sqrt(shown).mean()))
+        needed = round(share * finer * float(roots.sum(dtype=np.float64)))
+        needed = min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS)
+        return cls(capture, weights, needed, float(roots.mean()))
 
     def first(self, count: int, settings: Settings) -> Gaussians:
         """Gaussians (about `count`,) drawn from it, the more the more texture there is."""
