@@ -134,7 +134,7 @@ def test_intrinsics_divided_by_the_image_size_are_noticed(tmp_path: Path) -> Non
 
 
 def test_unknown_suffixes_are_refused_with_the_list(tmp_path: Path) -> None:
-    for name in ("g.obj", "g.pt", "g"):
+    for name in ("g.obj", "g"):
         for call in (load_gaussians, lambda path: save_gaussians(path, MADE)):
             with pytest.raises(InputError) as caught:
                 call(tmp_path / name)

@@ -28,6 +28,9 @@ LISTED: Steps = [
     ("measuring", 2),
 ]
 
+SPARED: Steps = [("looking at views", 6), ("coding", 4), ("measuring", 2)]
+"""Those of coding a list that was pruned while it was trained."""
+
 AGREED: Steps = [("comparing neighbours", 3)]
 
 LOOKED, REFINED, TRAINED = 4.0, 4.0, 2.2
@@ -72,7 +75,7 @@ def from_network(
 def from_gaussians(request: EncodeRequest, photos: int, budget: Refinement | None, *, is_coded: bool) -> Steps:
     """The steps after the network and the choice of a mode; arguments as above."""
     if request.mode == LIST:
-        return [*_trained(photos, budget.steps if budget else None), *(LISTED + COMPARED if is_coded else [])]
+        return [*_trained(photos, budget.steps if budget else None), *(SPARED + COMPARED if is_coded else [])]
     return [*(refined(budget) if budget else []), *(CODED + COMPARED if is_coded else [])]
 
 

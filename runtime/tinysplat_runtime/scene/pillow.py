@@ -62,7 +62,7 @@ def opened(data: bytes) -> tuple[Any, int]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damage, which decoding finds
             picture = Image.open(io.BytesIO(data), formats=("WEBP", "TIFF"))
-        turned = picture.getexif().get(_ORIENTATION, 1) if picture.format == "WEBP" else 1
+            turned = picture.getexif().get(_ORIENTATION, 1) if picture.format == "WEBP" else 1
     except (*_FAULTS, Image.DecompressionBombError) as error:
         raise _damaged(error) from None
     if _DNG_VERSION in getattr(picture, "tag_v2", ()):  # of which this would be a thumbnail
@@ -78,16 +78,22 @@ def decoded(picture: Any) -> tuple[NDArray, Colours | None]:
     """
     profile = picture.info.get("icc_profile")
     try:
-        if picture.mode.startswith("I;16"):
-            pixels = np.repeat(np.asarray(picture).astype(np.uint16)[..., None], 3, axis=2)
-        elif picture.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
-            is_opaque = picture.mode in ("1", "L", "RGB") and "transparency" not in picture.info
-            pixels = np.asarray(picture.convert("RGB" if is_opaque else "RGBA"))
-        else:
-            raise InputError(f"samples of the kind {picture.mode}, expected grey or RGB; convert it to PNG first")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            pixels = _samples(picture)
     except _FAULTS as error:
         raise _damaged(error) from None
     return pixels, of_icc(profile) if profile else None
+
+
+def _samples(picture: Any) -> NDArray:
+    """(H, W, 3 or 4) uint8 or uint16."""
+    if picture.mode.startswith("I;16"):
+        return np.repeat(np.asarray(picture).astype(np.uint16)[..., None], 3, axis=2)
+    if picture.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
+        is_opaque = picture.mode in ("1", "L", "RGB") and "transparency" not in picture.info
+        return np.asarray(picture.convert("RGB" if is_opaque else "RGBA"))
+    raise InputError(f"samples of the kind {picture.mode}, expected grey or RGB; convert it to PNG first")
 
 
 def _damaged(error: Exception) -> InputError:
