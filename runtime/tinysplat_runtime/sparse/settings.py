@@ -21,8 +21,8 @@ class Settings:
         exposure: least |log gain| of a photo's colour that is believed.
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         seen: share of a full-size photo's tiles that a step looks at, drawn anew in each.
-        detail: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels; of
-            fewer than `many` photos fewer, by the fourth root of their number, as few photos are soon overfitted.
+        detail, many: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels;
+            of few photos, as if of `many`, by the fourth root of their number.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
 from ..gaussian.thin import opacities_kept
-from . import LEAST_GAUSSIANS, MOST_GAUSSIANS
+from . import FEW_PHOTOS, LEAST_GAUSSIANS, MOST_GAUSSIANS
 from .settings import Settings
 
 COARSE_SIZE = 1.7
@@ -58,7 +58,8 @@ class Surface:
         if not any(weight.any() for weight in weights):
             weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
         roots = np.sqrt(contrasts[weights[0] > 0])
-        share = settings.detail * min(len(photos) / settings.many, 1) ** 0.25
+        is_few = len(photos) <= FEW_PHOTOS  # and soon overfitted
+        share = settings.detail * ((len(photos) / settings.many) ** 0.25 if is_few else 1)
         needed = round(share * finer * float(roots.sum(dtype=np.float64)))
         needed = min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS)
         return cls(capture, weights, needed, float(roots.mean()))

@@ -85,10 +85,12 @@ def _row(run: Run, name: str, kind: str, given: Scene, targets: Scene) -> Row:
 
 
 def _of(way: str, name: str, write: Callable[[Any], str], kind: str = "figures") -> Cell:
-    """Mean of a figure over the rows of a way; a dash for none."""
+    """Mean of a figure over a way's rows of subjects that both ways were measured on; a dash for none."""
 
     def cell(rows: Sequence[Row]) -> str:
-        found = [getattr(row, kind)[name] for row in rows if row.way == way and name in getattr(row, kind)]
+        both = set.intersection(*({row.subject for row in rows if row.way == one} for one in (BEFORE, AFTER)))
+        own = [row for row in rows if row.way == way and (row.subject in both or not both)]
+        found = [getattr(row, kind)[name] for row in own if name in getattr(row, kind)]
         return write(statistics.fmean(found)) if found else ABSENT
 
     return cell
@@ -136,7 +138,7 @@ GATE = Study(
         ),
         f"{STUDY} means": Listing(
             STUDY,
-            {"": said("kind"), "scenes": lambda rows: str(len({row.subject for row in rows})), **_COLUMNS},
+            {"": said("kind"), "scenes": lambda rows: str(sum(row.way == AFTER for row in rows)), **_COLUMNS},
             by=("kind",),
         ),
     },
