@@ -36,6 +36,9 @@ from .stages import Tools, refine
 HELD, STEPS = 3, 500
 """Photos that are held back; and steps of the list."""
 
+USUAL = 50_000
+"""Gaussians that a list is reckoned with where nobody said how many."""
+
 LIST_BYTES = 5.5
 """Of a Gaussian that a list may have, at its usual Q_g: 220 to 280 KB of 50,000, for 24 photos."""
 
@@ -79,9 +82,9 @@ class Contest:
         )
         return LIST if is_as_good else DEFAULT_MODE
 
-    def text(self, scene: Scene, at_most: int) -> str:
+    def text(self, scene: Scene, at_most: int | None) -> str:
         """What was found, of a scene whose list may have so many Gaussians, in a line."""
-        sizes = expected_bytes(scene) / 1000, LIST_BYTES * at_most / 1000
+        sizes = expected_bytes(scene) / 1000, LIST_BYTES * (at_most or USUAL) / 1000
         views, one = (
             f"{shown}, about {size:.0f} KB" for shown, size in zip((self.views, self.list), sizes, strict=True)
         )

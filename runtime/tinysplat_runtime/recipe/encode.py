@@ -162,7 +162,7 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
 
         with stats.watch.stage("choose"):
             found = contest(gaussians, scene, request, tools, told)
-        told.say("notice", found.text(scene, request.at_most or 50_000), scene.path)
+        told.say("notice", found.text(scene, request.at_most), scene.path)
         request = replace(request, mode=found.winner)
         told.plan(from_gaussians(request, photos, refinement, is_coded=is_coded))
     if request.mode == LIST:

@@ -1,7 +1,7 @@
 """A capture as few Gaussians that any viewer draws: drawn from its pixels, and trained until they show its photos."""
 
 LEAST_GAUSSIANS, MOST_GAUSSIANS = 2_000, 500_000
-"""How many a list begins with where nobody says: as many as its photos have detail (`start.needed`), within these."""
+"""How many a list begins with where nobody says: as many as its photos have detail (`start.Surface`), within these."""
 
 STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 60, 450, 4_000
 """Usual steps: so many a photo, between these; the least are more for photos with more texture."""

@@ -263,7 +263,8 @@ class _Training:
         for sums in pictures.measure(gaussians.taken(shown), range(len(pictures.cameras))):
             costs[shown] += sums[:, COST]
         lacking = 10 ** (-np.nanmean(np.concatenate(self._stats.rounds[-2:])) / 10) * pictures.values
-        keep = costs >= min(settings.worth * lacking / gaussians.count, np.quantile(costs, settings.spared))
+        worth = settings.worth * lacking / gaussians.count  # NaN where masks left all of these tiles out
+        keep = costs >= np.fmin(worth, np.quantile(costs, settings.spared))
         self._descent.keep(keep)
 
     def _drop(self) -> None:
