@@ -16,24 +16,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render.composite import ALPHA_MAX
 from ..render.kernels_blend import (
     AHEAD,
-    LANES,
     ROW,
     Extent,
     Scratch,
-    alpha_at,
+    alphas,
     blend,
     blend_tile,
     box,
     bring_near,
     columns_in,
+    cut,
 )
 from ..render.kernels_list import TILE_WIDTH, Listed, Tiles, Visible, rows_of, tiles_of
 from ..render.kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LOG_OPACITY, REACH, RED, X, Y
-from ..render.prepare import ALPHA_MIN
-from ..system.kernels_compile import Number, compiled, summing
+from ..system.kernels_compile import Number, compiled
+from ..system.kernels_lanes import LANES, lanes, load, ramp, store, total, where
 
 OPACITY_COLOUR = 0.5
 """Opacity counts as a fourth colour that is so bright."""
@@ -49,7 +48,6 @@ _STRIDE = TILE_WIDTH + LANES
 _RED, _GREEN, _BLUE, _LEFT, _LACK_RED, _LACK_GREEN, _LACK_BLUE = (_I(plane * _STRIDE) for plane in range(1, 8))
 """Planes of the second walk behind transmittance: R by colour; what the pixel lets through; wanted − C by colour."""
 
-_ALPHA_MIN, _ALPHA_MAX = _F(ALPHA_MIN), _F(ALPHA_MAX)
 _ZERO, _ONE, _HALF, _OPACITY = _F(0), _F(1), _F(0.5), _F(OPACITY_COLOUR**2)
 
 
@@ -89,50 +87,40 @@ def _turn_over(state: NDArray, wanted: NDArray, extent: Extent, is_first: bool) 
                 state[at + (5 + channel) * _STRIDE] = aim - found
 
 
-@summing
+@compiled
 def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
     """Write a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
-    log_opacity = splat[LOG_OPACITY]
+    log_opacity, step = splat[LOG_OPACITY], ramp() * alpha_x
     red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
     (left, right, top, bottom), is_wide = box(splat, extent), splat[REACH] > _ZERO
-    cost = lack_red = lack_green = lack_blue = bound = _ZERO
+    cost = lack_red = lack_green = lack_blue = bound = lanes(_ZERO)
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         w = gamma * dy
-        fall = w * w
         first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
         start = _I((row - extent.row) * ROW)
         for column in range(first, last + 1, LANES):
-            across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
-            exponent = log_opacity - fall
-            s_cost = s_red = s_green = s_blue = s_bound = _ZERO
-            for lane in range(LANES):
-                at = start + _I(column) + _I(lane)
-                u = across + alpha_x * _F(lane)
-                full = alpha_at(u, exponent)
-                alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-                before, left_over = state[at], state[at + _LEFT]
-                weight, state[at] = blend(before, alpha)
-                more = alpha / (_ONE - alpha) if weight > _ZERO else _ZERO
-                rest_red, rest_green, rest_blue = state[at + _RED], state[at + _GREEN], state[at + _BLUE]
-                state[at + _RED] = rest_red - weight * red
-                state[at + _GREEN] = rest_green - weight * green
-                state[at + _BLUE] = rest_blue - weight * blue
-                apart_red, apart_green = rest_red - before * red, rest_green - before * green
-                apart_blue = rest_blue - before * blue
-                squared = apart_red * apart_red + apart_green * apart_green + apart_blue * apart_blue
-                s_cost += more * more * (squared + _OPACITY * left_over * left_over)
-                s_red += weight * state[at + _LACK_RED]
-                s_green += weight * state[at + _LACK_GREEN]
-                s_blue += weight * state[at + _LACK_BLUE]
-                s_bound += weight * (_ONE - left_over)
-            cost += s_cost
-            lack_red += s_red
-            lack_green += s_green
-            lack_blue += s_blue
-            bound += s_bound
-    out[COST], out[LACK], out[LACK + 1], out[LACK + 2], out[BOUND] = cost, lack_red, lack_green, lack_blue, bound
+            at, u = start + _I(column), step + (alpha_x * (_F(column) + _HALF - x) + beta_x * dy)
+            alpha = cut(alphas(u, log_opacity - w * w))
+            before, left_over = load(state, at), load(state, at + _LEFT)
+            weight, after = blend(before, alpha)
+            store(state, at, after)
+            more = where(weight > _ZERO, alpha / (_ONE - alpha), _ZERO)
+            rest_red, rest_green, rest_blue = load(state, at + _RED), load(state, at + _GREEN), load(state, at + _BLUE)
+            store(state, at + _RED, rest_red - weight * red)
+            store(state, at + _GREEN, rest_green - weight * green)
+            store(state, at + _BLUE, rest_blue - weight * blue)
+            apart_red, apart_green = rest_red - before * red, rest_green - before * green
+            apart_blue = rest_blue - before * blue
+            squared = apart_red * apart_red + apart_green * apart_green + apart_blue * apart_blue
+            cost += more * more * (squared + left_over * left_over * _OPACITY)
+            lack_red += weight * load(state, at + _LACK_RED)
+            lack_green += weight * load(state, at + _LACK_GREEN)
+            lack_blue += weight * load(state, at + _LACK_BLUE)
+            bound += weight * (_ONE - left_over)
+    out[COST], out[BOUND] = total(cost), total(bound)
+    out[LACK], out[LACK + 1], out[LACK + 2] = total(lack_red), total(lack_green), total(lack_blue)
 
 
 @compiled

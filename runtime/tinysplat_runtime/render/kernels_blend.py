@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..system.kernels_compile import Number, compiled
+from ..system.kernels_lanes import LANES, halves, least, load, most, ramp, store, where
 from .composite import ALPHA_MAX, TRANSMITTANCE_MIN
 from .kernels_list import TILE_HEIGHT, TILE_WIDTH, Listed, sort_by_depth
 from .kernels_project import (
@@ -39,9 +40,6 @@ from .near import OPEN
 from .prepare import ALPHA_MIN
 from .project import MARGIN_PX
 
-LANES = 8
-"""Pixels blended together: the floats of a 32-byte vector."""
-
 PLANES = 5
 """What a pixel gathers: transmittance, negative once it has stopped; red, green, blue; Σ w·z."""
 
@@ -54,7 +52,7 @@ STATE = TILE_HEIGHT * ROW
 _RED, _GREEN, _BLUE, _DEPTH = (_I(plane * _STRIDE) for plane in range(1, PLANES))
 _FRONT = _I(PLANES * _STRIDE)
 _ALPHA_MIN, _ALPHA_MAX, _LOG_ALPHA_MIN = _F(ALPHA_MIN), _F(ALPHA_MAX), _F(math.log(ALPHA_MIN))
-_HALF, _MARGIN, _ZERO = _F(0.5), _F(MARGIN_PX), _F(0)
+_HALF, _MARGIN, _ZERO, _TRANSMITTANCE_MIN = _F(0.5), _F(MARGIN_PX), _F(0), _F(TRANSMITTANCE_MIN)
 
 AHEAD = 256
 """Splats whose records are brought near before they are blended: the misses of a loop that only copies overlap, which
@@ -174,15 +172,15 @@ def _blend_behind(splat: NDArray, extent: Extent, state: NDArray, spans: NDArray
     """As `blend_splat`, between the columns of each row that are open."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity = splat[LOG_OPACITY]
-    colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
+    colour, step = (splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]), ramp() * alpha_x
     left, right, top, bottom = box(splat, extent)
     for row in range(top, bottom + 1):
         dy, line = _F(row) + _HALF - y, row - extent.row
         fall = gamma * dy * (gamma * dy)
         start = _I(line * ROW)
         for column in range(max(left, spans[2 * line]), min(right, spans[2 * line + 1]) + 1, LANES):
-            across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
-            _blend_lanes(state, start + _I(column), across, alpha_x, log_opacity - fall, colour)
+            u = step + (alpha_x * (_F(column) + _HALF - x) + beta_x * dy)
+            _blend_pixels(state, start + _I(column), cut(alphas(u, log_opacity - fall)), colour)
 
 
 @compiled
@@ -231,21 +229,19 @@ def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) 
     """Blend one splat, a record (16,) float32, into a tile (STATE,), and its share into the picture in front."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity = splat[LOG_OPACITY]
-    colour = splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
+    colour, step = (splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]), ramp() * alpha_x
     (left, right, top, bottom), is_wide = box(splat, extent), splat[REACH] > _ZERO
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         fall = gamma * dy * (gamma * dy)
         first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
-        # Unsigned, as a signed index might be negative and count from the end, which no vector can.
         start = _I((row - extent.row) * ROW)
         for column in range(first, last + 1, LANES):
-            across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
-            at, exponent = start + _I(column), log_opacity - fall
+            at, u = start + _I(column), step + (alpha_x * (_F(column) + _HALF - x) + beta_x * dy)
+            alpha = cut(alphas(u, log_opacity - fall))
+            _blend_pixels(state, at, alpha, colour)
             if in_front:
-                _blend_lanes_twice(state, at, across, alpha_x, exponent, splat[LAST], colour)
-            else:
-                _blend_lanes(state, at, across, alpha_x, exponent, colour)
+                _blend_pixels(state, at + _FRONT, alpha * splat[LAST], colour)
 
 
 @compiled
@@ -275,24 +271,27 @@ def columns_in(splat: NDArray, extent: Extent, dy: Number) -> tuple[Number, Numb
 
 
 @compiled
-def quick_exp(x: Number) -> Number:
-    """e^x for x in [−80, 88] to two units in the last place, as arithmetic that vectorises (Cephes' expf)."""
-    biased = np.int32(x * _F(1.44269504) + _F(127.5))  # the nearest power of two, and 127
-    whole = _F(biased) - _F(127)
+def alphas(u: Number, exponent: Number) -> Number:
+    """Alphas of a splat, before they are cut, where its exponent in the middle of the row is so large and `u` away.
+
+    e^x for x in [−80, 88] to two units in the last place (Cephes' expf).
+    """
+    x = most(exponent - u * u, _F(-80))
+    nearest, power = halves(x * _F(1.44269504) + _F(127.5))  # of two, and 127
+    whole = nearest - _F(127)
     r = x - whole * _F(0.693359375) + whole * _F(2.12194440e-4)
-    p = _F(1.9875691500e-4)
-    p = p * r + _F(1.3981999507e-3)
+    p = r * _F(1.9875691500e-4) + _F(1.3981999507e-3)
     p = p * r + _F(8.3334519073e-3)
     p = p * r + _F(4.1665795894e-2)
     p = p * r + _F(1.6666665459e-1)
     p = p * r + _F(5.0000001201e-1)
-    return (p * r * r + r + _F(1)) * np.int32(biased << np.int32(23)).view(np.float32)
+    return (p * r * r + r + _F(1)) * power
 
 
 @compiled
-def alpha_at(u: Number, exponent: Number) -> Number:
-    """Alpha of a splat, before it is cut, where its exponent in the middle of the row is so large and `u` away."""
-    return quick_exp(max(exponent - u * u, _F(-80)))
+def cut(full: Number) -> Number:
+    """Alphas as they are blended."""
+    return where(full >= _ALPHA_MIN, least(full, _ALPHA_MAX), _ZERO)
 
 
 @compiled
@@ -301,46 +300,22 @@ def blend(before: Number, alpha: Number) -> tuple[Number, Number]:
 
     A pixel whose transmittance would come under the least there is stops instead: from then on it is negative.
     """
-    weight = alpha * max(before, _ZERO)
+    weight = alpha * most(before, _ZERO)
     after = before - weight
-    stops = (after < TRANSMITTANCE_MIN) & (weight > _ZERO)
-    return _ZERO if stops else weight, -before if stops else after
+    stops = (after < _TRANSMITTANCE_MIN) & (weight > _ZERO)
+    return where(stops, _ZERO, weight), where(stops, _ZERO - before, after)
 
 
 Colour = tuple[Number, Number, Number, Number]  # and depth
 
 
 @compiled
-def _blend_lanes(
-    pixels: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, colour: Colour
-) -> None:
-    """Blend one splat into the eight pixels whose planes begin at `start`; free of branches, so that it vectorises."""
-    for lane in range(LANES):
-        u = across + alpha_x * _F(lane)
-        full = alpha_at(u, exponent)
-        alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-        _blend_pixel(pixels, start + _I(lane), alpha, colour)
-
-
-@compiled
-def _blend_lanes_twice(
-    pixels: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, share: Number, colour: Colour
-) -> None:
-    """Blend all of it, and its share into the pixels in front."""
-    for lane in range(LANES):
-        u = across + alpha_x * _F(lane)
-        full = alpha_at(u, exponent)
-        alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-        _blend_pixel(pixels, start + _I(lane), alpha, colour)
-        _blend_pixel(pixels, start + _I(lane) + _FRONT, share * alpha, colour)
-
-
-@compiled
-def _blend_pixel(pixels: NDArray, at: Number, alpha: Number, colour: Colour) -> None:
-    """Blend an alpha into a pixel."""
+def _blend_pixels(pixels: NDArray, at: Number, alpha: Number, colour: Colour) -> None:
+    """Blend alphas into the eight pixels whose planes begin at `at`."""
     red, green, blue, depth = colour
-    weight, pixels[at] = blend(pixels[at], alpha)
-    pixels[at + _RED] += weight * red
-    pixels[at + _GREEN] += weight * green
-    pixels[at + _BLUE] += weight * blue
-    pixels[at + _DEPTH] += weight * depth
+    weight, after = blend(load(pixels, at), alpha)
+    store(pixels, at, after)
+    store(pixels, at + _RED, load(pixels, at + _RED) + weight * red)
+    store(pixels, at + _GREEN, load(pixels, at + _GREEN) + weight * green)
+    store(pixels, at + _BLUE, load(pixels, at + _BLUE) + weight * blue)
+    store(pixels, at + _DEPTH, load(pixels, at + _DEPTH) + weight * depth)

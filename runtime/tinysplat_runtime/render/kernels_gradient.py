@@ -15,25 +15,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.kernels_compile import Number, compiled, summing
+from ..system.kernels_compile import Number, compiled
+from ..system.kernels_lanes import LANES, lanes, load, most, ramp, store, total, where
 from .composite import ALPHA_MAX
 from .kernels_blend import (
     AHEAD,
-    LANES,
     PLANES,
     ROW,
     Extent,
     Scratch,
-    alpha_at,
+    alphas,
     blend,
     blend_tile,
     box,
     bring_near,
     columns_in,
+    cut,
 )
 from .kernels_list import TILE_HEIGHT, TILE_WIDTH, Listed
 from .kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LAST, LOG_OPACITY, REACH, RED, X, Y
-from .prepare import ALPHA_MIN
 
 PAIR = 9
 """Sums of a pair of tile and splat."""
@@ -60,7 +60,7 @@ _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
 _RED, _GREEN, _BLUE, _BEHIND = (_I(plane * _STRIDE) for plane in range(1, PLANES))
 _FRONT = _I(PLANES * _STRIDE)
-_ALPHA_MIN, _ALPHA_MAX = _F(ALPHA_MIN), _F(ALPHA_MAX)
+_ALPHA_MAX = _F(ALPHA_MAX)
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 
 
@@ -283,7 +283,7 @@ def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArr
     return total, np.float64(count)
 
 
-@summing
+@compiled
 def _walk(splat: NDArray, in_front: bool, is_whole: bool, extent: Extent, state: NDArray, out: NDArray) -> None:
     """Write the sums of a splat over a tile, of its share in front, of all of it behind that, or of both; visits the
     pixels that `kernels_blend.blend_splat` visits.
@@ -292,98 +292,56 @@ def _walk(splat: NDArray, in_front: bool, is_whole: bool, extent: Extent, state:
     log_opacity = splat[LOG_OPACITY]
     colour = splat[RED], splat[GREEN], splat[BLUE]
     (left, right, top, bottom), is_wide = box(splat, extent), splat[REACH] > _ZERO
-    pull = pull_u = pull_w = pull_uu = pull_uw = pull_ww = g_red = g_green = g_blue = _ZERO
+    pull = pull_u = pull_w = pull_uu = pull_uw = pull_ww = g_red = g_green = g_blue = lanes(_ZERO)
+    step = ramp() * alpha_x
     for row in range(top, bottom + 1):
         dy = _F(row) + _HALF - y
         w = gamma * dy
-        fall = w * w
+        exponent = log_opacity - w * w
         first, last = columns_in(splat, extent, dy) if is_wide else (left, right)
         start = _I((row - extent.row) * ROW)
         for column in range(first, last + 1, LANES):
-            across = alpha_x * (_F(column) + _HALF - x) + beta_x * dy
-            at, exponent = start + _I(column), log_opacity - fall
-            if in_front and is_whole:
-                sums = _lanes_twice(state, at, across, alpha_x, exponent, splat[LAST], colour)
-            elif is_whole:
-                sums = _lanes(state, at, across, alpha_x, exponent, _ONE, colour)
+            at, u = start + _I(column), step + (alpha_x * (_F(column) + _HALF - x) + beta_x * dy)
+            full = alphas(u, exponent)
+            alpha = cut(full)
+            if is_whole:
+                pulled, red, green, blue = _pass_by(state, at, alpha, colour)
+                if in_front:
+                    others = _pass_by(state, at + _FRONT, alpha * splat[LAST], colour)
+                    pulled, red, green, blue = pulled + others[0], red + others[1], green + others[2], blue + others[3]
             else:
-                sums = _lanes(state, at + _FRONT, across, alpha_x, exponent, splat[LAST], colour)
-            s_0, s_u, s_uu, s_red, s_green, s_blue = sums
-            pull += s_0
-            pull_u += s_u
-            pull_w += s_0 * w
-            pull_uu += s_uu
-            pull_uw += s_u * w
-            pull_ww += s_0 * fall
-            g_red += s_red
-            g_green += s_green
-            g_blue += s_blue
-    out[PULL], out[PULL_U], out[PULL_W] = pull, pull_u, pull_w
-    out[PULL_UU], out[PULL_UW], out[PULL_WW] = pull_uu, pull_uw, pull_ww
-    out[BY_RED], out[BY_GREEN], out[BY_BLUE] = g_red, g_green, g_blue
+                pulled, red, green, blue = _pass_by(state, at + _FRONT, alpha * splat[LAST], colour)
+            pulled = where(full <= _ALPHA_MAX, pulled, _ZERO)
+            along, across = pulled * u, pulled * w
+            pull += pulled
+            pull_u += along
+            pull_w += across
+            pull_uu += along * u
+            pull_uw += along * w
+            pull_ww += across * w
+            g_red += red
+            g_green += green
+            g_blue += blue
+    out[PULL], out[PULL_U], out[PULL_W] = total(pull), total(pull_u), total(pull_w)
+    out[PULL_UU], out[PULL_UW], out[PULL_WW] = total(pull_uu), total(pull_uw), total(pull_ww)
+    out[BY_RED], out[BY_GREEN], out[BY_BLUE] = total(g_red), total(g_green), total(g_blue)
 
 
 Colour = tuple[Number, Number, Number]
-Six = tuple[Number, Number, Number, Number, Number, Number]
 
 
-@summing
-def _lanes(
-    state: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, share: Number, colour: Colour
-) -> Six:
-    """Pass a splat's share by eight pixels; the sums of its pull, by u and u² too, and of weight by colour's gradient.
-
-    Free of branches, so that it vectorises.
-    """
-    s_0 = s_u = s_uu = s_red = s_green = s_blue = _ZERO
-    for lane in range(LANES):
-        at = start + _I(lane)
-        u = across + alpha_x * _F(lane)
-        full = alpha_at(u, exponent)
-        alpha = share * min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-        pulled, red, green, blue = _pass_by(state, at, alpha, colour)
-        pulled = pulled if full <= _ALPHA_MAX else _ZERO
-        s_0 += pulled
-        s_u += pulled * u
-        s_uu += pulled * u * u
-        s_red += red
-        s_green += green
-        s_blue += blue
-    return s_0, s_u, s_uu, s_red, s_green, s_blue
-
-
-@summing
-def _lanes_twice(
-    state: NDArray, start: Number, across: Number, alpha_x: Number, exponent: Number, share: Number, colour: Colour
-) -> Six:
-    """As `_lanes`, of the share in front and of all of it behind that."""
-    s_0 = s_u = s_uu = s_red = s_green = s_blue = _ZERO
-    for lane in range(LANES):
-        at = start + _I(lane)
-        u = across + alpha_x * _F(lane)
-        full = alpha_at(u, exponent)
-        alpha = min(full, _ALPHA_MAX) if full >= _ALPHA_MIN else _ZERO
-        pulled, red, green, blue = _pass_by(state, at, alpha, colour)
-        pulled_front, red_front, green_front, blue_front = _pass_by(state, at + _FRONT, share * alpha, colour)
-        pulled = pulled + pulled_front if full <= _ALPHA_MAX else _ZERO
-        s_0 += pulled
-        s_u += pulled * u
-        s_uu += pulled * u * u
-        s_red += red + red_front
-        s_green += green + green_front
-        s_blue += blue + blue_front
-    return s_0, s_u, s_uu, s_red, s_green, s_blue
-
-
-@summing
+@compiled
 def _pass_by(state: NDArray, at: Number, alpha: Number, colour: Colour) -> tuple[Number, Number, Number, Number]:
-    """Take an alpha from what a pixel lets through: the gradient by its exponent, and weight by colour's gradient."""
+    """Take eight alphas from what their pixels let through: the gradient by their exponents, and weight by colour's
+    gradient.
+    """
     red, green, blue = colour
-    before = state[at]
-    weight, state[at] = blend(before, alpha)
-    d_red, d_green, d_blue = state[at + _RED], state[at + _GREEN], state[at + _BLUE]
-    along = red * d_red + green * d_green + blue * d_blue
-    behind = state[at + _BEHIND] - weight * along
-    state[at + _BEHIND] = behind
-    pulled = alpha * (max(before, _ZERO) * along - behind / (_ONE - alpha))
-    return pulled if weight > _ZERO else _ZERO, weight * d_red, weight * d_green, weight * d_blue
+    before = load(state, at)
+    weight, after = blend(before, alpha)
+    store(state, at, after)
+    d_red, d_green, d_blue = load(state, at + _RED), load(state, at + _GREEN), load(state, at + _BLUE)
+    along = d_red * red + d_green * green + d_blue * blue
+    behind = load(state, at + _BEHIND) - weight * along
+    store(state, at + _BEHIND, behind)
+    pulled = alpha * (most(before, _ZERO) * along - behind / (_ONE - alpha))
+    return where(weight > _ZERO, pulled, _ZERO), weight * d_red, weight * d_green, weight * d_blue

@@ -69,6 +69,3 @@ def _kept(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 compiled = _kept(**OPTIONS)
-
-# Sums over lanes may be vector sums, whose order the compiler fixes.
-summing = _kept(**{**OPTIONS, "fastmath": {"contract", "reassoc"}})
