@@ -20,7 +20,6 @@ class Settings:
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         exposure: least |log gain| of a photo's colour that is believed.
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
-        seen: share of a full-size photo's tiles that a step looks at, drawn anew in each.
         detail, many: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels;
             of few photos, as if of `many`, by the fourth root of their number.
         start: share of the Gaussians that it begins with.
@@ -45,7 +44,6 @@ class Settings:
     exposure: float = 0.05
     quarter: float = 0.25
     half: float = 0.4
-    seen: float = 0.5
     detail: float = 0.8
     many: int = 24
     start: float = 0.8

@@ -1,9 +1,9 @@
 """A sparse scene: Gaussians of a capture's pixels, a few for all photos, corrected until they show these.
 
-Every step draws a photo as 3DGS defines, takes the gradient of what it lacks, and moves, turns, scales, fades and
-colours all Gaussians by Adam. Photos are small at first; of full-size ones a step looks at some tiles. Now and then
-Gaussians that show nothing go, and pixels where photos still lack something give new ones; later those go that photos
-hardly need, while the others can still make up for them. Photos may differ in exposure: each has a gain per colour.
+Every step draws a photo, small at first, as 3DGS defines, takes the gradient of what it lacks, and moves, turns,
+scales, fades and colours all Gaussians by Adam. Now and then Gaussians that show nothing go, and pixels where photos
+still lack something give new ones; later those go that photos hardly need, while the others can still make up for them.
+Photos may differ in exposure: each has a gain per colour.
 Needs numba (`tinysplat[fast]`).
 """
 
@@ -27,7 +27,6 @@ from ..refine.exposed import log_gain
 from ..refine.free import FreeGaussians
 from ..render import DEFINITION, Renderer
 from ..render.gradient import Target
-from ..render.kernels_list import TILE_HEIGHT, TILE_WIDTH
 from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
@@ -208,11 +207,7 @@ class _Training:
         # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it,
         # and would else fade
         target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
-        seen = settings.seen if smaller == 1 else 1.0
-        weight = smaller * smaller / seen
-        if seen < 1:
-            target = replace(target, photo=_some_tiles(target.photo, seen, self._rng))
-        return self._descent.step(target, way, weight=weight, structure=settings.structure).psnr
+        return self._descent.step(target, way, weight=smaller * smaller, structure=settings.structure).psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
         """A photo as it would be with the scene's exposure."""
@@ -263,7 +258,7 @@ class _Training:
         for sums in pictures.measure(gaussians.taken(shown), range(len(pictures.cameras))):
             costs[shown] += sums[:, COST]
         lacking = 10 ** (-np.nanmean(np.concatenate(self._stats.rounds[-2:])) / 10) * pictures.values
-        worth = settings.worth * lacking / gaussians.count  # NaN where masks left all of these tiles out
+        worth = settings.worth * lacking / gaussians.count  # NaN where masks left all photos of these rounds out
         keep = costs >= np.fmin(worth, np.quantile(costs, settings.spared))
         self._descent.keep(keep)
 
@@ -289,14 +284,3 @@ def _gains(logs: NDArray, certain: float) -> NDArray:
     """
     apart = logs - np.median(logs, axis=0)
     return np.exp(np.sign(apart) * np.maximum(np.abs(apart) - certain, 0))
-
-
-def _some_tiles(photo: NDArray, share: float, rng: np.random.Generator) -> NDArray:
-    """A photo (H, W, 3), NaN but for a share of the tiles that it is drawn in, one at least."""
-    height, width = photo.shape[:2]
-    rows, columns = -(-height // TILE_HEIGHT), -(-width // TILE_WIDTH)
-    left_out = rng.permutation(rows * columns)[max(round(share * rows * columns), 1) :]
-    found = photo.copy()
-    for row, column in zip(*np.divmod(left_out, columns), strict=True):
-        found[row * TILE_HEIGHT :, column * TILE_WIDTH :][:TILE_HEIGHT, :TILE_WIDTH] = np.nan
-    return found
