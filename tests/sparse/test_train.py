@@ -63,6 +63,11 @@ def test_few_gaussians_show_the_photos_where_all_of_the_capture_do_not(torn) -> 
     assert found.viewpoints == capture.cameras and tells(stats.text.replace(",", ""), f"{capture.count} {stats.kept}")
 
 
+def test_a_list_for_a_small_file_has_few_gaussians(torn) -> None:
+    many, few = (trained(*torn, Budget(steps=20, size=size), threads=2).count for size in (None, 2_000))
+    assert 0 < few < 2_000 / 4 < many  # no coder takes fewer than four bytes for one
+
+
 def test_photos_of_different_exposure_are_as_good_as_others(torn) -> None:
     capture, targets = torn
     gains = np.array([1, 0.8, 1.15, 1, 0.9, 1.1, 1.05])

@@ -170,7 +170,8 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
 
         with stats.watch.stage("train"):
             photos_whole = targets_of(whole.cameras, whole.frames)
-            gaussians = sparse(gaussians, photos_whole, refinement, request.at_most, tools, told)
+            size = request.target_size if is_coded else None
+            gaussians = sparse(gaussians, photos_whole, refinement, request.at_most, tools, told, size=size)
         return _Made(gaussians, request, whole, doubted, None)
     refined = RefineStats() if refinement else None
     if refinement and refined:

@@ -118,13 +118,17 @@ def sparse(
     count: int | None,
     tools: Tools,
     told: Told,
+    *,
+    size: int | None = None,
 ) -> Gaussians:
-    """A list of at most so many Gaussians that shows pictures of a capture; see `sparse.train.trained`."""
+    """A list of at most so many Gaussians, and for so many bytes, that shows pictures of a capture; see
+    `sparse.train.trained`.
+    """
     with fast_for("at_most"):
         from ..sparse.settings import Budget
         from ..sparse.train import TrainStats, trained
     stats, budget = TrainStats(), budget or Refinement()
-    allowed = Budget(count, budget.steps, budget.seconds)
+    allowed = Budget(count, budget.steps, budget.seconds, size)
     found = trained(gaussians, targets, allowed, threads=tools.threads, stats=stats, told=told)
     told.say("doubt" if stats.is_cut_short else "notice", stats.text)
     return found

@@ -70,6 +70,7 @@ class Budget:
 
     Attributes:
         gaussians: how many there may be at most; fewer are made where photos show less detail.
+        size: bytes of the file that they are to be coded in, which fewer may fit better than coarser ones.
         steps: of so many photos. The same number gives the same result on any number of threads, unless seconds end
             them.
         seconds: fewer steps are planned as soon as it shows that they do not suffice.
@@ -81,9 +82,10 @@ class Budget:
     gaussians: int | None = None
     steps: int | None = None
     seconds: float | None = None
+    size: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("gaussians", "steps"):
+        for name in ("gaussians", "steps", "size"):
             value = getattr(self, name)
             if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
                 raise InputError(f"{value!r}, expected a whole number above 0", where=name)

@@ -37,7 +37,7 @@ from .settings import Budget, Settings
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
 
-KEPT, BYTES_EACH = 0.42, 11.0
+KEPT, BYTES_EACH = 0.55, 12.5
 """Share of the Gaussians that is left at the end, and bytes that a file takes for each, about."""
 
 
@@ -120,7 +120,7 @@ def trained(
         raise InputError(f"{found} and as many photos", where="capture")
     budget = budget or Budget()
     begun, stats, settings = time.perf_counter(), TrainStats() if stats is None else stats, settings or Settings()
-    training = _Training(capture, targets, budget.gaussians, threads, settings, stats)
+    training = _Training(capture, targets, budget, threads, settings, stats)
     told.say("notice", stats.plan)
     clock = _Clock(budget.steps or training.usual_steps, budget.seconds or DEFAULT_SECONDS, begun)
     costs = [COSTS[settings.smaller(step / clock.steps)] for step in range(clock.steps)]
@@ -154,7 +154,7 @@ class _Training:
         self,
         capture: Gaussians,
         targets: Sequence[Target],
-        most: int | None,
+        budget: Budget,
         threads: int | None,
         settings: Settings,
         stats: TrainStats,
@@ -167,7 +167,8 @@ class _Training:
         self._gains = np.ones((len(targets), 3))
         self._rng = np.random.default_rng(0)
         surface = start.Surface.of(capture, [target.photo for target in targets], settings, self._run)
-        self._count = stats.asked = min(surface.needed, most or surface.needed)
+        fitting = max(round(budget.size / (KEPT * BYTES_EACH)), 1) if budget.size else surface.needed
+        self._count = stats.asked = min(surface.needed, budget.gaussians or surface.needed, fitting)
         self.usual_steps = usual_steps(len(targets), surface.texture)
         begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
