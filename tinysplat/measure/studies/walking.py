@@ -84,8 +84,9 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         return to_photos(pictures, capture.targets), cpu / len(cameras)
 
     def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> tuple[Row, bytes]:
-        """A way with what its file is like, and the file."""
-        data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True))
+        """A way with what its file is like, and the file; training has left out what a list does without."""
+        keep = known.way == LISTED
+        data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True, keep_all=keep))
         decoded, decoding = cpu_of(lambda: runtime.decompress(data))
         pictures, drawing = drawn(decoded)
         figures = {**known.figures, "bytes": len(data), **{_coded(name): value for name, value in pictures.items()}}
