@@ -242,10 +242,13 @@ def test_a_link_leads_to_the_same_view(browser: Browser, tmp_path: Path) -> None
     tab.wait("!page.mover.spring(0) && location.hash.includes('view=')")
     tab.ready()
     seen, address = picture(tab)[MIDDLE], tab.evaluate("location.href")
+    counted = [tab.evaluate("placeOf.textContent")]
     tab.close()
     tab = browser.open(address, 320, 240)
     tab.ready()
     assert psnr(picture(tab)[MIDDLE], seen) > LEAST_DB
+    counted.append(tab.evaluate("placeOf.textContent"))
+    assert counted[0] == counted[1] and tab.evaluate("place.ariaValueText") == counted[0].replace("/", "of")
     tab.evaluate("location.hash = '#view=' + location.hash.slice(6).replace(/^[^,]*/, (x) => Number(x) + 0.02), 0")
     tab.wait("'ready' in document.body.dataset")
     tab.ready()
@@ -313,8 +316,10 @@ def test_strict_sites_show_a_folder_and_a_page_says_what_it_lacks(browser: Brows
         (tmp_path / name).write_bytes(content)
     (tmp_path / "page.html").write_text(scene_page(data, Shown("scene")))
     with served(tmp_path, Strict) as address:
+        before = len(browser.messages)
         tab = browser.open(f"{address}/index.html#bare", 32, 24)
         tab.ready()
+        assert [message for message in browser.messages[before:] if "ReadPixels" not in message] == []
         gaussians = ts.decompress(data)
         assert psnr(picture(tab), ts.render(gaussians, gaussians.cameras[0]).clip(0, 1)) > LEAST_DB
         tab.close()
@@ -324,6 +329,39 @@ def test_strict_sites_show_a_folder_and_a_page_says_what_it_lacks(browser: Brows
         assert "Loading" not in text and "Content-Security-Policy" in text and "--files" in text
         tab.close()
     browser.messages[:] = [message for message in browser.messages if "Content Security Policy" not in message]
+
+
+class Ranged(Folder):
+    """A folder on a server that gives ranges."""
+
+    def do_GET(self) -> None:
+        """What is asked for of a file that is there."""
+        _, is_range, asked = self.headers.get("Range", "").partition("bytes=")
+        if not is_range:
+            return super().do_GET()
+        data = Path(self.translate_path(self.path)).read_bytes()
+        first, last = map(int, asked.split("-"))
+        part = data[first : last + 1]
+        self.send_response(206 if part else 416)
+        self.send_header("Content-Range", f"bytes {first}-{first + len(part) - 1}/{len(data)}")
+        self.send_header("Content-Length", str(len(part)))
+        self.end_headers()
+        self.wfile.write(part)
+
+
+@pytest.mark.parametrize("handler", [Folder, Ranged])
+def test_of_a_cut_file_a_page_says_what_it_shows(browser: Browser, tmp_path: Path, handler: type[Folder]) -> None:
+    (tmp_path / "player.html").write_text(player_page())
+    data = coded(24)
+    (tmp_path / "cut.tsplat").write_bytes(data[: len(data) * 2 // 3])
+    with served(tmp_path, handler) as address:
+        tab = browser.open(f"{address}/player.html?file=cut.tsplat", 390, 844)
+        tab.ready()
+        words = tab.wait("fault.checkVisibility() && fault.textContent")
+        assert "cut short" in words and "of 24 photos" in words
+        assert tab.evaluate("panel.checkVisibility() && fault.getBoundingClientRect().top > innerHeight / 2")
+        assert picture(tab).std() > 0.02
+        tab.close()
 
 
 def test_a_poster_is_shown_before_the_scene(browser: Browser, tmp_path: Path) -> None:

@@ -50,6 +50,8 @@ FILES_POLICY = (
 SCENE = "scene.tsplat"
 """What a folder's scene is called."""
 
+_ICON = "icon.svg"
+
 STORY_STYLE = "story.css"
 """What pages with a story have beside their style."""
 
@@ -111,6 +113,7 @@ def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
         "page.js": page_script.encode(),
         "start.js": _START.encode(),
         "style.css": _text("style.css").encode(),
+        _ICON: _text(_ICON).encode(),
     }
     if shown.story is not None:
         files["story.js"] = story_script.encode()
@@ -125,6 +128,7 @@ def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
         policy=FILES_POLICY,
         style='<link rel="stylesheet" href="style.css">',
         code='<script type="module" src="start.js"></script>',
+        icon=_ICON,
         poster=None if shown.poster is None else "poster.jpg",
     )
     return {"index.html": page.encode()} | files | pictures
@@ -176,16 +180,20 @@ def _page(title: str, scene: Mapping[str, object], file: str, *, sources: str, p
         style=f"<style>{style}</style>",
         code=f'<script type="application/octet-stream" id="file">{file}</script>\n'
         f'<script type="application/octet-stream" id="code">{packed}</script>\n<script>{start}</script>',
+        icon="data:image/svg+xml;base64," + _base64(_text(_ICON).encode()),
         poster=poster,
     )
 
 
-def _filled(title: str, scene: Mapping[str, object], *, policy: str, style: str, code: str, poster: str | None) -> str:
+def _filled(
+    title: str, scene: Mapping[str, object], *, policy: str, style: str, code: str, icon: str, poster: str | None
+) -> str:
     return Template(_text("page.html")).substitute(
         policy=policy,
         title=html.escape(title),
         style=style,
         code=code,
+        icon=icon,
         poster="" if poster is None else f'<img id="poster" alt="" src="{poster}">',
         allowed=ALLOWED,
         scene=json.dumps(scene).replace("<", "\\u003c"),  # so that no text can end the script element

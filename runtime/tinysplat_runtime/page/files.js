@@ -55,10 +55,13 @@ export async function captureIn({ read }, inspect, few) {
   return undefined;
 }
 
-// A file behind an address: `read` gives ranges of it, unless its server sends the whole, of which `body` is then what comes.
+// A file behind an address: `read` gives ranges of its `size` (NaN where nobody says), unless its server sends the whole, of
+// which `body` is then what comes.
 export async function reached(address, signal) {
+  let size;
   const asked = async (from, to) => {
     const response = await request(address, signal, { Range: `bytes=${from}-${to}` });
+    size ??= Number(response.headers.get("Content-Range")?.split("/")[1]);
     if (response.status === 206) return new Uint8Array(await response.arrayBuffer());
     return response.status === 416 ? new Uint8Array(0) : response;
   };
@@ -68,7 +71,7 @@ export async function reached(address, signal) {
   });
   if (first instanceof Response) return { body: first };
   let head = first;
-  const source = { received: first.length, whole: first.length < HEADS[0] ? first : undefined };
+  const source = { size, received: first.length, whole: first.length < HEADS[0] ? first : undefined };
   source.read = async (offset, length) => {
     if (offset + length <= head.length || head.length < HEADS[0]) return head.subarray(offset, offset + length);
     const found = await asked(offset, offset + length - 1);

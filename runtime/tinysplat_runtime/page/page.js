@@ -69,7 +69,10 @@ class Panel {
     find("before").onclick = () => viewer.step(-1);
     find("after").onclick = () => viewer.step(1);
     find("depth").oninput = () => viewer.showDepth(find("depth").checked);
-    find("opacity").oninput = () => viewer.showOpaque(Number(find("opacity").value));
+    find("opacity").oninput = () => {
+      viewer.showOpaque(Number(find("opacity").value));
+      find("opacity").setAttribute("aria-valuetext", `below ${Math.round(100 * find("opacity").value)} %`);
+    };
     find("swing").checked = viewer.isSwinging;
     find("swing").onchange = () => viewer.swing(find("swing").checked);
     find("free").onchange = () => {
@@ -106,6 +109,7 @@ class Panel {
     const at = viewer.order.indexOf(current) + 1, { length } = viewer.order;
     find("place").value = at;
     find("placeOf").textContent = `${at} / ${length}`;
+    find("place").setAttribute("aria-valuetext", `${at} of ${length}`);
     [find("before").disabled, find("after").disabled] = [at === 1, at === length];
     find("swing").checked = viewer.isSwinging;
     find("compareRow").hidden = !photo;
@@ -148,6 +152,12 @@ const isGrey = ({ sh, degree, count }) => {
 };
 
 const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => sum + bytes.length, 0) || 1;
+
+// What a part of a file shows.
+function shareOf({ cameras, count }, about) {
+  if (cameras.length < about.cameras.length) return `what ${cameras.length} of ${about.cameras.length} photos saw`;
+  return count < about.count ? `${count.toLocaleString("en")} of ${about.count.toLocaleString("en")} Gaussians` : "all of it in less detail";
+}
 
 const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
 
@@ -215,10 +225,7 @@ class Page {
   }
 
   // Where a scene begins: where it was left, at what the address names, or where most of it shows.
-  #first(cameras) {
-    if (cameras[this.first]) return this.first;
-    return cameras.length ? frontView(cameras.map(viewOf)) : 0;
-  }
+  #first(views) { return views[this.first] ? this.first : frontView(views); }
 
   #drawn() {
     if (this.viewer.wanted && this.linked && find("cover").className !== "done") return; // on the way to what the address names
@@ -262,7 +269,7 @@ class Page {
 
   // Shows of a capture, whose bytes a source reads, what is near the camera.
   openCapture(name, about, source, opening) {
-    const signal = this.#begin(name, opening), first = this.#first(about.cameras);
+    const signal = this.#begin(name, opening), first = this.#first(about.cameras.map(viewOf));
     let shown = this.isAgain;
     this.isAgain = false;
     this.capture = new Capture(about.cameras, {
@@ -301,7 +308,7 @@ class Page {
     const show = (decoded, isAll = !decoded.missing.length) => {
       if (signal.aborted || (!isAll && !decoded.cameras.length && isGrey(decoded))) return;
       const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene), isFirst = !frame && !isSame;
-      this.viewer.show(scene, cloud, !isFirst, scene.hasCameras ? this.#first(about.cameras.length ? about.cameras : decoded.viewpoints ?? []) : 0);
+      this.viewer.show(scene, cloud, !isFirst, scene.hasCameras ? this.#first(scene.views) : 0);
       frame = scene.frame;
       isSame = true;
       this.panel.show(scene, cloud, about, false);
@@ -325,8 +332,9 @@ class Page {
       received = bytes.length;
       about ??= described(this.decoder.inspect, bytes);
       if (error.name !== "TsplatError" || !about || about.bytes <= bytes.length) throw error;
-      show(await this.decoder.decode(bytes, { ...options, maxBytes: received }), true);
-      this.#say(`This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}. This is what they show.`);
+      const decoded = await this.decoder.decode(bytes, { ...options, maxBytes: received });
+      show(decoded, true);
+      this.#say(`This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}, which show ${shareOf(decoded, about)}.`);
     }
     document.body.dataset.whole = "";
   }
@@ -369,7 +377,7 @@ class Page {
     const opening = (this.opening = new AbortController()), { signal } = opening, source = await reached(address, signal);
     if ("read" in source) {
       const about = await captureIn(source, this.decoder.inspect, FEW);
-      if (about) return this.openCapture(name, about, source, opening);
+      if (about && !(source.size < about.bytes)) return this.openCapture(name, about, source, opening);
       return this.open(name, (opened) => (source.whole ? [source.whole] : fetched(address, opened, told)), 0, opening);
     }
     const parts = [];

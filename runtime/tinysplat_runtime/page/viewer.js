@@ -15,7 +15,7 @@ const STALLED_MS = 200; // a coarsest frame that takes longer ends what moves by
 const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
 const LACKING = 0.3; // share of a view's opacity, from which a picture without it is not drawn
-const WAIT_MS = 400; // that a picture may be old before it fades
+const WAIT_MS = 400; // that a picture may be old before a sign says so
 const MOST_RATIO = 3; // pixels of a canvas to one of the page's
 const FOLLOW = 0.12; // of margins, that a frame on the way to another place brings nearer to its own colours
 
@@ -114,8 +114,8 @@ export class Viewer {
 
   // Goes to where view i was taken from, as soon as what shows from there is at hand.
   select(i, isAtOnce = this.isBare || this.isStill) {
-    this.current = i;
     this.goTo(this.scene.views[i], isAtOnce);
+    this.current = i;
     this.isAway = false;
   }
 
@@ -123,6 +123,7 @@ export class Viewer {
   goTo(pose, isAtOnce = this.isBare || this.isStill, zoom = 1) {
     this.isSwinging = this.touched = false;
     this.flight = null;
+    this.current = this.nearest(pose)[0];
     const { K, width, height } = this.camera;
     this.wanted = { pose: { K, width, height, ...pose }, isAtOnce, zoom };
     this.#go();
@@ -323,20 +324,20 @@ export class Viewer {
     if (this.waits && this.splats.isSorted) this.#sort();
     if (this.isDirty || (!moves && this.share < 1)) {
       if (this.#isDrawable()) this.#draw(moves, elapsed);
-      else if (this.isOld && now - this.drawnAt > WAIT_MS) this.#fade(true);
+      else if (this.isOld && now - this.drawnAt > WAIT_MS) this.#sign(true);
     }
     this.wasMoving = moves;
   }
 
   // Whether a picture would be whole: the views that show from here are at hand, and stand in an order from about here. The
-  // picture before stays otherwise, and fades.
+  // picture before stays otherwise, beside a small sign.
   #isDrawable() {
     const { splats } = this;
     if (!splats.hasOrder || this.isElsewhere) return false;
     return !this.hasMoved || (this.covers(this.camera, false) && splats.lacks(this.shares().all) < LACKING);
   }
 
-  #fade(isOld) {
+  #sign(isOld) {
     if (isOld) document.body.dataset.waits = "";
     else delete document.body.dataset.waits;
   }
@@ -347,7 +348,7 @@ export class Viewer {
     else if (elapsed > SLOW_MS && this.wasMoving) this.share = Math.max(this.share / 2, COARSEST);
     this.isDirty = this.isOld = false;
     this.drawnAt = this.last;
-    this.#fade(false);
+    this.#sign(false);
     this.#resize();
     this.splats.draw(this.camera, this.drawing(), this.share);
     this.told.drawn(); // in an order that is at most a few frames old
