@@ -84,6 +84,8 @@ def test_a_video_has_the_frames_asked_for_and_of_more_views_more(folder: Path, t
         ("g.npz -o o.png --camera cameras.json:5", "--camera"),
         ("g.npz -o o.mp4 --camera 1", "--camera"),
         ("free.ply -o o.mp4 --path between", "--path"),
+        ("g.npz -o o.png --panorama --size 64x48", "--size"),
+        ("g.npz -o o.mp4 --panorama", "--panorama .png"),
         ("g.npz -o o.png --background greenish", "--background 'greenish' #rrggbb"),
     ],
 )
@@ -105,6 +107,16 @@ def test_the_camera_is_one_of_the_file_or_of_another(folder: Path, tmp_path: Pat
     assert np.abs(read_image(tmp_path / "o.png") / 255 - wanted).max() < 0.51 / 255 + 1e-5
     report = json.loads((tmp_path / "r.json").read_text())
     assert (report["gaussians"], report["sh_degree"]) == (768, 0) and report["seconds"]["render"] > 0
+
+
+def test_a_360_picture_has_what_lies_ahead_in_its_middle(folder: Path, tmp_path: Path) -> None:
+    console.succeed("render", folder / "g.npz", "-o", tmp_path / "o.png", "--panorama", "--size", "256x128")
+    picture = read_image(tmp_path / "o.png")
+    assert picture.shape == (128, 256, 3)
+    rows, columns = np.nonzero(picture.max(axis=2) > 60)
+    assert (
+        abs(rows.mean() - 64) < 20 and abs(columns.mean() - 128) < 20 and 0.01 < len(rows) / picture[..., 0].size < 0.5
+    )
 
 
 def test_gaussians_of_no_views_are_seen_from_outside(folder: Path, tmp_path: Path) -> None:

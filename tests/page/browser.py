@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import http.server
+import io
 import json
 import os
 import shutil
@@ -17,7 +19,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 
 FLAGS = [
     "--headless",
@@ -172,3 +177,9 @@ class Tab:
 
     def close(self) -> None:
         self._browser.send("Target.closeTarget", targetId=self._target)
+
+
+def picture(tab: Tab) -> NDArray:
+    """(H, W, 3) in [0, 1] of what the page has drawn."""
+    data = tab.evaluate("document.getElementById('view').toDataURL()").partition(",")[2]
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.float64) / 255

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
 import subprocess
 import sys
@@ -14,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from page.browser import Browser, Folder, Tab, served
-from PIL import Image
+from page.browser import Browser, Folder, Tab, picture, served
 from scenes import make_smooth_gaussians, psnr
 
 import tinysplat_runtime as ts
@@ -32,12 +29,6 @@ def browser() -> Iterator[Browser]:
     with Browser() as running:
         yield running
         assert [message for message in running.messages if "ReadPixels" not in message] == []  # of our own reading
-
-
-def picture(tab: Tab) -> NDArray:
-    """(H, W, 3) in [0, 1] of what the page has drawn."""
-    data = tab.evaluate("document.getElementById('view').toDataURL()").partition(",")[2]
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.float64) / 255
 
 
 def coded(views: int, degree: int = 1, height: int = 48, width: int = 64) -> bytes:
@@ -338,7 +329,8 @@ class Ranged(Folder):
         """What is asked for of a file that is there."""
         _, is_range, asked = self.headers.get("Range", "").partition("bytes=")
         if not is_range:
-            return super().do_GET()
+            super().do_GET()
+            return
         data = Path(self.translate_path(self.path)).read_bytes()
         first, last = map(int, asked.split("-"))
         part = data[first : last + 1]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 import pytest
-from console import fail, tinysplat
-from page.browser import Browser, Tab
-from scenes import make_smooth_gaussians, tells
+from console import fail, succeed, tinysplat
+from page.browser import Browser, Tab, picture
+from scenes import make_smooth_gaussians, psnr, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError
@@ -119,6 +121,34 @@ def test_a_story_plays_by_itself_and_stops_at_a_touch(browser: Browser, tmp_path
     tab.drag(320, 200, 30, 0)
     assert tab.evaluate("document.querySelector('#story [aria-label=Play]') !== null")
     tab.close()
+
+
+def test_a_film_stops_at_the_views_that_a_page_showed(browser: Browser, tmp_path: Path) -> None:
+    scene = make_smooth_gaussians(2, 48, 64)
+    scene = replace(scene, cameras=tuple(replace(camera, K=scene.cameras[0].K) for camera in scene.cameras))
+    (tmp_path / "g.tsplat").write_bytes(ts.compress(scene, qp=-6))
+    page = Shown("scene", background=(0, 0, 0))
+    (tmp_path / "p.html").write_text(scene_page((tmp_path / "g.tsplat").read_bytes(), page))
+    tab, seen, views = opened(browser, tmp_path / "p.html", 320, 240), [], []
+    for across, zoom in ((60, 1), (-90, 1.5)):
+        tab.drag(160, 120, across, 5)
+        tab.evaluate(f"page.camera.zoom = {zoom}, page.move(), 0")
+        tab.wait("!page.mover.spring(0) && location.hash.includes('view=')")
+        tab.ready()
+        seen.append(picture(tab))
+        views.append({"view": tab.evaluate("location.hash").partition("view=")[2]})
+    tab.close()
+    (tmp_path / "s.json").write_text(json.dumps({"seconds": 1, "views": views}))
+    words = ("render", tmp_path / "g.tsplat", "-o", tmp_path / "film.mp4", "--story", tmp_path / "s.json")
+    succeed(*words, "--size", "320x240")
+    with av.open(str(tmp_path / "film.mp4")) as film:
+        frames = [frame.to_ndarray(format="rgb24") / 255 for frame in film.decode(video=0)]
+    assert len(frames) == 60
+    for frame, wanted in zip((frames[0], frames[-1]), seen, strict=True):
+        assert psnr(frame[60:180, 80:240], wanted[60:180, 80:240]) > 27
+    assert tells(fail(*words, "--path", "orbit", "--force"), "--story --path")
+    (tmp_path / "s.json").write_text("{}")
+    assert tells(fail(*words, "--force"), f"{tmp_path / 's.json'} views")
 
 
 def test_a_story_is_made_on_the_page_and_saved_as_the_page(browser: Browser, tmp_path: Path, data: bytes) -> None:

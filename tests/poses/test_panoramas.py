@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 from poses.walls import textured
 from scenes import refusing, tells
 
-from tinysplat.poses.panoramas import FACES, Wedge, check_shape, face, kept, places, rays, says_panorama, side_of
+from tinysplat.poses.panoramas import Wedge, check_shape, face, kept, places, rays, says_panorama, side_of
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.render.panorama import FACES, panorama, panorama_png
+from tinysplat_runtime.scene.cameras import Camera, posed
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.pictures import jpeg_bytes, write_png
 
@@ -94,6 +96,27 @@ def test_a_face_shows_what_a_camera_there_would(name: str) -> None:
     assert np.linalg.det(FACES[name]) > 0
 
 
+def test_a_panorama_shows_all_that_a_camera_there_would() -> None:
+    def colour(ahead: NDArray) -> NDArray:
+        unit = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+        return 0.5 + 0.24 * np.stack([unit[..., 0] * unit[..., 1], unit[..., 1], unit[..., 2] + unit[..., 0]], axis=-1)
+
+    def draw(camera: Camera) -> NDArray:
+        row, column = np.mgrid[: camera.height, : camera.width] + 0.5
+        own = np.stack([column, row, np.ones_like(row)], axis=-1) @ np.linalg.inv(camera.K).T
+        return colour(own @ camera.rotation)
+
+    (centre, turn), down = way()[1], np.array([0.0, 3.0, 0.0])
+    nod = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])  # which a picture that stands upright does not have
+    camera = Camera(np.eye(3), posed(turn @ nod, centre), 8, 8)
+    for height in (2, 5, 64):
+        shown = panorama(draw, camera, down, height)
+        assert shown.shape == (height, 2 * height, 3)
+        assert np.abs(shown - colour(directions(height) @ turn.T)).max() < (0.01 if height > 5 else 0.2)
+    straight = panorama(draw, replace(camera, c2w=posed(FACES["down"].T, centre)), down, 16)
+    assert np.abs(straight - colour(directions(16) @ FACES["down"])).max() < 0.05
+
+
 def test_wedges_are_left_out_of_the_faces_that_show_them() -> None:
     behind = [Wedge(135, 225)]
     assert not kept("back", 32, behind).any() and all(
@@ -123,11 +146,12 @@ def test_files_say_that_they_are_360(tmp_path: Path) -> None:
         "cut.mp4": box(b"ftyp", b"isom") + struct.pack(">I4sQ", 1, b"mdat", 1 << 60),
         "still.mp4": box(b"ftyp", b"isom") + struct.pack(">I4s", 0, b"mdat") + b"\0" * 20,
         "empty.mp4": b"",
+        "ours.png": panorama_png(np.full((16, 32, 3), 90, np.uint8)),
     }
     for name, data in written.items():
         (tmp_path / name).write_bytes(data)
     said = {name for name in written if says_panorama(tmp_path / name)}
-    assert said == {"xmp.jpg", "sphere.mp4", "uuid.mp4"} and not says_panorama(tmp_path / "nowhere.jpg")
+    assert said == {"xmp.jpg", "sphere.mp4", "uuid.mp4", "ours.png"} and not says_panorama(tmp_path / "nowhere.jpg")
 
 
 @pytest.mark.parametrize(("height", "width", "words"), [(100, 199, "199x100"), (100, 100, "100x100 stereo")])

@@ -20,12 +20,13 @@ from tinysplat.poses.frames import look_through
 from tinysplat.poses.judging import Placement
 from tinysplat.poses.level import upright
 from tinysplat.poses.model import coloured_points, placed_photos
-from tinysplat.poses.panoramas import FACES, Wedge, check_shape, check_whole, face, kept, says_panorama, side_of
+from tinysplat.poses.panoramas import Wedge, check_shape, check_whole, face, kept, says_panorama, side_of
 from tinysplat.poses.placing import MASKS, NonePlacedError, place
 from tinysplat.poses.still import still_masks
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.level import Level
+from tinysplat_runtime.render.panorama import FACES
 from tinysplat_runtime.scene import heic, pillow
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS

@@ -18,16 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.errors import InputError
-
-FACES: dict[str, NDArray] = {
-    "front": np.eye(3),
-    "right": np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]),
-    "back": np.diag([-1, 1, -1]),
-    "left": np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
-    "up": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "down": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]),
-}
-"""(3, 3) turns from the picture's axes to those of each face's camera, which sees 90°."""
+from tinysplat_runtime.render.panorama import FACES
 
 _HEAD_BYTES = 1 << 20
 """Of a photo, that its XMP is sought in."""

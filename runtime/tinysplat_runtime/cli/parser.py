@@ -176,9 +176,12 @@ def _render(commands: Commands) -> None:
     _quiet(parser)
     parser.add_argument("--camera", type=Input, metavar="INDEX", help="a view of the file, or cameras.json:INDEX; 0")
     parser.add_argument("--path", choices=("between", "orbit"), help="of a video; default between")
-    parser.add_argument("--frames", type=count, metavar="N", help="of a video; 60, of a capture 8 a view")
+    parser.add_argument("--story", type=Input, metavar="FILE", help="a video along the views of a page's story")
+    frames = "of a video; 60, of a capture 8 a view, of a story 30 a second"
+    parser.add_argument("--frames", type=count, metavar="N", help=frames)
     parser.add_argument("--size", type=size, metavar="WxH", help="of pictures; default: the camera's")
     parser.add_argument("--background", type=colour, default=(0, 0, 0), metavar="COLOUR", help=f"{_COLOUR}; black")
+    parser.add_argument("--panorama", action="store_true", help="a 360° picture from the camera's place")
     parser.add_argument("--depth", action="store_true", help="depth as a picture, near in red, far in blue")
     parser.add_argument("--depth-values", action="store_true", help="depth as numbers (z, 16-bit PNG)")
     more = parser.add_argument_group("more")

@@ -5,16 +5,19 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
+from functools import partial
+from itertools import chain, groupby
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..container.layout import SUFFIX
-from ..errors import InputError
+from ..errors import InputError, within
 from ..gaussian.gaussians import Gaussians
 from ..render import Renderer, between, orbit
-from ..render.paths import outside
+from ..render.panorama import panorama, panorama_png
+from ..render.paths import halting, outside
 from ..scene.cameras import Camera
 from ..scene.pictures import png_bytes
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
@@ -29,6 +32,11 @@ DEEPEST = 65535
 FRAMES, FRAMES_A_VIEW = 60, 8
 """Of a video where none are asked for: at least the first, and the second from view to view."""
 
+VIEW_SECONDS, WAY_SECONDS = 5.0, 2.0
+"""Of a story's film: for a view where the story does not say, and, of these, at most half, for the way to the next."""
+
+FPS, PANORAMA = 30, (1024, 2048)
+
 
 def render(args: Namespace) -> None:
     """A picture or a video of Gaussians."""
@@ -38,17 +46,35 @@ def render(args: Namespace) -> None:
     wants_depth = args.depth or args.depth_values
     if suffix == ".mp4" and wants_depth:
         raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
-    if suffix == ".png" and args.path:
+    if suffix == ".png" and (args.path or args.story):
         raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
+    if args.path and args.story:
+        raise InputError("goes without --path: a story has a path of its own", where="--story")
+    if args.panorama and (suffix != ".png" or wants_depth):
+        raise InputError("a 360° picture is a .png of colours", where="--panorama")
+    if args.panorama and args.size and args.size[1] != 2 * args.size[0]:
+        raise InputError("a 360° picture is twice as wide as high, such as 2048x1024", where="--size")
     voice, watch = voice_of(args), Stopwatch()
     reading = reading_of(args, voice)
     gaussians = reading.load(args.file, watch)
+    is_many = suffix == ".mp4" or args.panorama
     # Loading compiled code takes longer than drawing one picture without it.
-    compiled, is_video = (None, True) if suffix == ".mp4" else (False, False)
     renderer = Renderer(
-        gaussians, args.threads, dilation=args.dilation, order=args.order, compiled=compiled, keep=is_video
+        gaussians.flat() if args.panorama else gaussians,  # which views are near would differ from face to face
+        args.threads,
+        dilation=args.dilation,
+        order=args.order,
+        compiled=None if is_many else False,
+        keep=is_many,
     )
-    if suffix == ".png":
+    if args.panorama:
+        camera, height = _chosen_camera(args.camera, gaussians), (args.size or PANORAMA)[0]
+        down = sum((one.rotation[1] for one in gaussians.cameras or gaussians.viewpoints), 0 * camera.centre)
+        with watch.stage("render"):
+            draw = partial(renderer.render, background=args.background)
+            picture = panorama(draw, camera, down, height)
+        write_file(args.output, panorama_png(picture))
+    elif suffix == ".png":
         camera = _chosen_camera(args.camera, gaussians)
         with watch.stage("render"):
             wanted = ("depth",) if wants_depth else ("rgb",)
@@ -63,11 +89,16 @@ def render(args: Namespace) -> None:
     else:
         from ..render.video import write_video
 
-        path = _camera_path(gaussians, args.file, args.camera, args.path, args.frames)
+        if args.story:
+            path = _story_path(gaussians, args.story, args.camera, args.frames, args.size)
+        else:
+            path = _camera_path(gaussians, args.file, args.camera, args.path, args.frames)
         with watch.stage("render"):
             # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
-            frames = (renderer.render(camera, args.size, background=args.background) for camera in path)
-            write_video(args.output, voice.progress("render", frames, total=len(path)))
+            drawn = groupby(path, key=id)  # one that stands still is drawn once
+            pictures = ((renderer.render(next(same), args.size, background=args.background), same) for _, same in drawn)
+            frames = (picture for picture, same in pictures for _ in chain([0], same))
+            write_video(args.output, voice.progress("render", frames, total=len(path)), FPS)
     if args.report:
         from ..container.inspection import inspect_bytes
         from ..recipe.report import file_report
@@ -128,10 +159,7 @@ def _camera_path(
     gaussians: Gaussians, file: str, camera: str | None, path: str | None, frames: int | None
 ) -> list[Camera]:
     """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
-    source = (camera or "").rpartition(":")[0]
-    cameras = tuple(_load_cameras(source)) if source else gaussians.cameras
-    if camera and not source:
-        raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
+    cameras = _cameras(gaussians, camera)
     if not cameras and path == "between":
         raise InputError(
             f"{file} has no views to fly between; --path orbit, or --camera cameras.json:0", where="--path"
@@ -140,6 +168,33 @@ def _camera_path(
     if path == "orbit" or not cameras:
         return orbit(views, frames or FRAMES, _median_depth(gaussians, views[0]))
     return between(views, frames or max(FRAMES, FRAMES_A_VIEW * (len(views) - 1)))
+
+
+def _story_path(
+    gaussians: Gaussians, file: str, camera: str | None, frames: int | None, size: tuple[int, int] | None
+) -> list[Camera]:
+    """Along the views of a story's file, with the angles of view of a page."""
+    from ..page.front import front_of
+    from ..page.story import load_story
+
+    story = load_story(file)
+    taken = _cameras(gaussians, camera) or gaussians.viewpoints or (front_of(gaussians),)
+    views = story.cameras(taken, size)
+    with within(file):
+        story.check_scene(gaussians.flat().means + gaussians.origin, taken[0].centre)
+        if not views:
+            raise InputError("none, expected at least one", where="views")
+    seconds = story.document["seconds"] or VIEW_SECONDS
+    number = frames or max(round(FPS * seconds * len(views)), 1)
+    return halting(views, number, max(1 - WAY_SECONDS / seconds, 0.5), _median_depth(gaussians, views[0]))
+
+
+def _cameras(gaussians: Gaussians, camera: str | None) -> tuple[Camera, ...]:
+    """All of `--camera`'s file, or the Gaussians' own."""
+    source = (camera or "").rpartition(":")[0]
+    if camera and not source:
+        raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
+    return tuple(_load_cameras(source)) if source else gaussians.cameras
 
 
 def _median_depth(gaussians: Gaussians, camera: Camera) -> float:

@@ -42,12 +42,42 @@ def between(cameras: Sequence[Camera], frames: int) -> list[Camera]:
         InputError: no cameras, different sizes, or `frames` is no whole number above 0.
     """
     _check(cameras, frames)
+    return _along(cameras, np.linspace(0, len(cameras) - 1, frames))
+
+
+def halting(cameras: Sequence[Camera], frames: int, staying: float, depth: float) -> list[Camera]:
+    """As `between`, with a stop at every given camera, and cuts where the next is farther away than `depth`.
+
+    Args:
+        cameras: at least one, all of one image size.
+        frames: how many to return.
+        staying: share of the time that a camera stands still, 0 to 1.
+        depth: of what the cameras look at, scene units: beyond it, a straight way would lead through things.
+
+    Returns:
+        Cameras; one that stands still is the same object as the one before.
+
+    Raises:
+        InputError: no cameras, different sizes, or `frames` is no whole number above 0.
+    """
+    _check(cameras, frames)
+    leg, share = np.divmod(np.linspace(0, len(cameras), frames, endpoint=False), 1)
+    way = np.clip((share - staying) / (1 - staying), 0, 1)
+    away = np.linalg.norm(np.diff([camera.centre for camera in cameras], axis=0, append=[cameras[-1].centre]), axis=1)
+    way = np.where(away[leg.astype(int)] > depth, np.round(way), way * way * (3 - 2 * way))
+    times, of = np.unique(np.minimum(leg + way, len(cameras) - 1), return_inverse=True)
+    path = _along(cameras, times)
+    return [path[i] for i in of]
+
+
+def _along(cameras: Sequence[Camera], times: NDArray) -> list[Camera]:
+    """Cameras of the path through all given ones, which are at the times 0, 1, …"""
     quats = matrices_to_quats(np.stack([camera.rotation.T for camera in cameras]))
     for i in range(1, len(quats)):
         quats[i] *= 1 if (quats[i] * quats[i - 1]).sum() >= 0 else -1
     centres = np.stack([camera.centre for camera in cameras])
     path = []
-    for t in np.linspace(0, len(cameras) - 1, frames):
+    for t in times:
         i = min(int(t), max(len(cameras) - 2, 0))
         j = min(i + 1, len(cameras) - 1)
         a, b, s = cameras[i], cameras[j], t - i
