@@ -32,6 +32,7 @@ from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import GraphStore, open_graph
 from tinysplat_runtime.graphs.predict import predict
+from tinysplat_runtime.page.story import load_story
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.colours import of_icc, to_srgb
 from tinysplat_runtime.scene.footage import open_video
@@ -230,6 +231,12 @@ def _cameras(path: Path) -> None:
     load_scene(path)
 
 
+def _story(path: Path) -> None:
+    story = load_story(path)
+    json.dumps(story.document, allow_nan=False)
+    story.cameras(make_cameras(2, 8, 8))
+
+
 def _transforms(rng: Random) -> None:
     """A damaged `transforms.json`, sometimes beside a damaged point cloud."""
     with tempfile.TemporaryDirectory() as folder:
@@ -358,6 +365,7 @@ TARGETS: dict[str, Target] = {
         Target("like", _like, (FormatError, InputError, NumericError)),
         Target("network", _from_file(".onnx", network_seeds, _network, damage_network), (ModelError, NumericError)),
         Target("cameras", _from_file(".json", corpus.camera_seeds, _cameras, damage_json), (InputError,)),
+        Target("story", _from_file(".json", corpus.story_seeds, _story, damage_json), (InputError,)),
         Target("png", _from_file(".png", lambda: corpus.photo_seeds()[:1], read_image), (InputError,)),
         Target("jpeg", _from_file(".jpg", lambda: corpus.photo_seeds()[1:], read_image), (InputError,)),
         Target("mask", _from_file(".png", corpus.mask_seeds, _mask), (InputError,)),

@@ -61,9 +61,8 @@ class Story:
         """
         height, width = size or (taken[0].height, taken[0].width)
         centres, cameras = np.stack([camera.centre for camera in taken]), []
-        for place, angles, zoom in zip(
-            self.views[:, :3], np.radians(self.views[:, 3:6]), self.views[:, 6], strict=True
-        ):
+        for view in self.views:
+            place, angles, zoom = view[:3], np.radians(view[3:6]), view[6]
             camera = taken[int(np.argmin(np.linalg.norm(centres - place, axis=1)))]
             scale = zoom * min(height / camera.height, width / camera.width)
             K = camera.K.copy()
