@@ -152,7 +152,8 @@ def story_seeds() -> tuple[bytes, ...]:
     """A story that plays, of views and notes, and one that nobody has told yet."""
     views = [{"title": "A", "text": "a line", "view": "0.1,0,2,34.5,-10"}, {"view": "1e3,0,-2,-180,90,3,1.5"}]
     notes = [{"at": [0.5, 0, -3], "text": "here"}]
-    return tuple(json.dumps(story).encode() for story in ({"seconds": 6, "views": views, "notes": notes}, {"views": []}))
+    stories: tuple[dict[str, object], ...] = ({"seconds": 6, "views": views, "notes": notes}, {"views": []})
+    return tuple(json.dumps(story).encode() for story in stories)
 
 
 @lru_cache(maxsize=1)

@@ -15,6 +15,7 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.recipe.encode import encode
+from tinysplat_runtime.recipe.forecast import list_forecast
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.render import DEFINITION
 
@@ -114,6 +115,22 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
     assert coded.refinement and coded.refinement.steps == 1 and coded.stats.watch.seconds["refine"] > 0
     assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
+
+
+def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
+    """Two figures and seconds, the more the more there is to show, and no more Gaussians than are asked for."""
+
+    def foretold(side: int, views: int, at_most: int | None = None) -> list[float]:
+        scene = ts.load_scene(write_scene(tmp_path / f"{side} {views} {at_most}", views=views, height=side, width=side))
+        line = list_forecast(scene, at_most)
+        assert line.startswith(f"{views} photos of {side}x{side}:")
+        words = line.replace(",", "").split()
+        return [float(words[words.index(unit) - 1]) for unit in ("Gaussians", "KB", "CPU")]
+
+    one, larger, more = foretold(192, 3), foretold(288, 3), foretold(192, 9)
+    for other in (larger, more):
+        assert all(a < b for a, b in zip(one, other, strict=True))
+    assert foretold(192, 9, at_most=120)[0] == 120
 
 
 @pytest.mark.parametrize("mode", ["gaussians", "list"])

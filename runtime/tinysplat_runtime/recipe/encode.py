@@ -136,6 +136,10 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     is_compared = bool(refinement) and request.like is None
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
+    if request.mode == LIST and told.listens:
+        from .forecast import list_forecast
+
+        told.say("notice", list_forecast(whole, request.at_most), scene.path)
     photos = len(scene.frames)
     told.plan(ahead(way, request, photos, refinement, is_compared=is_compared, is_coded=is_coded))
     doubted = _doubted(scene, told)

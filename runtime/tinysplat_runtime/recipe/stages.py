@@ -34,6 +34,7 @@ from ..system.decibels import decibels
 from ..system.evenly import evenly
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
+from .forecast import MANY, prune_forecast
 from .request import Coding, EncodeRequest
 from .words import Refinement
 
@@ -227,6 +228,8 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
         warn(fault)
         return encoder(job, views)
     if not views.doubt:
+        if job.gaussians.count >= MANY and pruning.seconds == math.inf:
+            job.told.say("notice", prune_forecast(job.gaussians.count))
         return PruningEncoder(job, views, seconds=pruning.seconds)
     warn(f"all Gaussians are kept: {views.doubt}")
     if not job.gaussians.viewpoints:
