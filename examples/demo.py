@@ -10,7 +10,6 @@ nothing is fetched.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from tinysplat.measure.pictures import mean_psnr
 from tinysplat.measure.show.tables import format_table
 from tinysplat.measure.subjects.captures import Capture
 from tinysplat.measure.subjects.room import FAR_M, NEAR_M, write_motorcycle, write_room
+from tinysplat_runtime.cli import main as tinysplat
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
@@ -66,7 +66,6 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
     height, width = gaussians.opacities.shape[1:]
     name = f"motorcycle_{width}x{height}_{profile}"
     (out / f"{name}.tsplat").write_bytes(data)
-    subprocess.run([sys.executable, "-m", "tinysplat_runtime", "info", out / f"{name}.tsplat"], check=True)
 
     decoded = runtime.decompress(data, watch=watch)
     raw_renderer, renderer = Renderer(gaussians), Renderer(decoded)
@@ -94,20 +93,25 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
 
 
 def walk(out: Path, runtime: ts.Runtime) -> str:
-    """A walk through a made-up room: photos along it to one file, photos left out drawn from it; what came of it."""
+    """A walk through a made-up room: photos along it to one list and its page, photos left out drawn from it; what came
+    of it.
+    """
     folder = out / "room"
     write_room(folder, WALK_PHOTOS, WALK_SIDE, WALK_SIDE)
     capture, watch = Capture.of(ts.load_scene(folder)), Stopwatch()
     with watch.stage("encode"):
-        data = runtime.encode(capture.others)
+        data = runtime.encode(capture.others, mode="list")
     (out / "walk.tsplat").write_bytes(data)
+    tinysplat(["view", str(out / "walk.tsplat"), "--html", str(out / "walk.html"), "-q"])
     renderer = Renderer(runtime.decompress(data))
     photos, drawn = capture.targets.images(), list(map(renderer.render, capture.targets.cameras))
     write_png(out / "walk.png", np.concatenate([np.concatenate(list(row), axis=1) for row in (photos, drawn)]))
     write_video(out / "walk.mp4", map(renderer.render, between(capture.others.cameras, WALK_FRAMES)))
     found, given = mean_psnr(drawn, photos), len(capture.others.frames)
-    size = f"a walk, {given} photos of {WALK_SIDE}x{WALK_SIDE}: {len(data) / 1000:.0f} KB"
-    return f"{size} in {watch.seconds['encode']:.1f} s; photos left out are drawn at {found:.1f} dB"
+    size = f"a walk, {given} photos of {WALK_SIDE}x{WALK_SIDE} as one list: {len(data) / 1000:.0f} KB"
+    return (
+        f"{size} in {watch.seconds['encode']:.1f} s; photos left out are drawn at {found:.1f} dB: {out / 'walk.html'}"
+    )
 
 
 def main() -> int:
@@ -128,13 +132,11 @@ def main() -> int:
         print(f"{folder}: 2 photos and their cameras\n{out / 'room'}: {WALK_PHOTOS} photos and their cameras")
         return 0
     full, runtime = ts.load_scene(folder), ts.Runtime()
-    small, rows = full.resized(256, 256), []
-    for scene, profile in ((small, "paper"), (small, "balanced"), (full, "balanced")):
-        size = f"{scene.cameras[0].width}x{scene.cameras[0].height}"
-        with working(f"photos of {size}, profile {profile}", quiet=False):
-            rows.append(run(scene, profile, out, runtime))
-    with working("a walk", quiet=False):
-        walked = walk(out, runtime)
+    rows = []
+    for scene in (full.resized(256, 256), full):
+        with working(f"photos of {scene.cameras[0].width}x{scene.cameras[0].height}", quiet=False):
+            rows.append(run(scene, "balanced", out, runtime))
+    walked = walk(out, ts.Runtime(told=ts.Voice()))
     print(format_table([*rows[0]], [[*row.values()] for row in rows]))
     print(f"\n{walked}")
     print(f"\npictures (photo | raw render | decoded render | depth), videos and files: {out}/")
