@@ -15,7 +15,7 @@ from scenes import make_gaussians, refused, refusing, tells
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.quaternions import normalize_quats
+from tinysplat_runtime.gaussian.quaternions import normalize_quats, quats_to_matrices
 from tinysplat_runtime.gaussian.sh import sh_basis
 
 TURN = np.array([1.0, -1.0, -1.0])  # SPZ has y up and z backward
@@ -120,22 +120,47 @@ def test_version_1_has_positions_of_16_bits(tmp_path: Path) -> None:
         save_gaussians(tmp_path / "h.spz", loaded, spz_version=1)
 
 
-def test_axes_of_an_extension_are_refused_and_other_extensions_skipped(tmp_path: Path) -> None:
+def extended(data: bytes, kind: int, value: int) -> bytes:
+    """A file of version 4 with one extension record."""
+    record = struct.pack("<3I", kind, 4, value)
+    return data[:14] + bytes([2, data[15]]) + struct.pack("<I", 32 + len(record)) + bytes(12) + record + data[32:]
+
+
+WAYS = {"R": [1, 0, 0], "L": [-1, 0, 0], "U": [0, 1, 0], "D": [0, -1, 0], "B": [0, 0, 1], "F": [0, 0, -1]}
+"""Letters of a coordinate system: where its axes point, among right, up and back."""
+
+
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [(1, "LDB"), (3, "LUB"), (4, "RUB"), (6, "RDF"), (7, "LUF"), (8, "RUF"), (11, "LFU"), (12, "RFU"), (14, "RBD")],
+)
+def test_axes_of_an_extension_become_the_format_s_own(tmp_path: Path, number: int, name: str) -> None:
+    save_gaussians(tmp_path / "g.spz", some(3), spz_version=4)
+    (tmp_path / "e.spz").write_bytes(extended((tmp_path / "g.spz").read_bytes(), 0xADBE0003, number))
+    plain, read = load_gaussians(tmp_path / "g.spz"), load_gaussians(tmp_path / "e.spz")
+    turn = np.diag(TURN) @ np.array([WAYS[letter] for letter in name]).T @ np.diag(TURN)
+    np.testing.assert_allclose(read.means, plain.means @ turn.T, atol=1e-5)
+
+    def covariances(gaussians: Gaussians) -> NDArray:
+        axes = quats_to_matrices(normalize_quats(gaussians.quats)) * gaussians.scales[:, None]
+        return axes @ axes.swapaxes(1, 2)
+
+    np.testing.assert_allclose(covariances(read), turn @ covariances(plain) @ turn.T, atol=1e-6)
+    direction = np.array([[0.6, -0.48, 0.64]])
+    np.testing.assert_allclose(sh_basis(direction @ turn.T, 3) @ read.sh, sh_basis(direction, 3) @ plain.sh, atol=1e-5)
+
+
+def test_unknown_axes_of_an_extension_are_refused_and_other_extensions_skipped(tmp_path: Path) -> None:
     save_gaussians(tmp_path / "g.spz", some(1), spz_version=4)
     data = (tmp_path / "g.spz").read_bytes()
-
-    def extended(kind: int, payload: bytes) -> bytes:
-        record = struct.pack("<II", kind, len(payload)) + payload
-        head = data[:14] + bytes([2, data[15]]) + struct.pack("<I", 32 + len(record)) + bytes(12)
-        return head + record + data[32:]
-
-    for kind, value, is_fine in ((0xADBE0002, 6, True), (0xADBE0003, 4, True), (0xADBE0003, 6, False)):
-        (tmp_path / "e.spz").write_bytes(extended(kind, struct.pack("<I", value)))
-        if is_fine:
-            assert load_gaussians(tmp_path / "e.spz").count == some(1).count
-        else:
-            with refusing(InputError, "6"):
-                load_gaussians(tmp_path / "e.spz")
+    for kind, value in ((0xADBE0002, 17), (0xADBE0003, 0)):
+        (tmp_path / "e.spz").write_bytes(extended(data, kind, value))
+        np.testing.assert_array_equal(
+            load_gaussians(tmp_path / "e.spz").means, load_gaussians(tmp_path / "g.spz").means
+        )
+    (tmp_path / "e.spz").write_bytes(extended(data, 0xADBE0003, 17))
+    with refusing(InputError, "17 16"):
+        load_gaussians(tmp_path / "e.spz")
 
 
 def test_what_spz_cannot_hold_is_said(tmp_path: Path) -> None:

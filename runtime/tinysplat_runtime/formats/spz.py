@@ -24,7 +24,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
 from .assembly import Contents, PointCloud, WriteOptions, cut_degree_note
-from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
+from .axes import HALF_TURN, QUAT_SIGNS, SPZ_AXES, from_spz_system, half_turned, sh_signs
 from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, pack_blocks, read_blocks
 
 _MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
@@ -115,13 +115,14 @@ def decode_spz(file: BinaryIO, max_bytes: int) -> tuple[SpzHeader, dict[str, NDA
     rest = (higher.reshape(header.count, functions - 1, 3) - 128.0) / 128
     quats = _unpack_smallest_three(rotations) if header.version >= 3 else _unpack_first_three(rotations)
     with np.errstate(invalid="ignore"):  # NaN among version 1's positions: Gaussians will name it
-        return header, {
+        arrays = {
             "means": _positions(positions, header),
             "quats": quats,
             "scales": np.exp(scales / _LOG_SCALE_STEPS - _LOG_SCALE_OFFSET),
             "opacities": alphas[:, 0] / 255.0,
             "sh": np.concatenate([((colours - 127.5) / (_COLOUR_SCALE * 255))[:, None], rest], axis=1),
         }
+        return header, arrays if header.axes == SPZ_AXES else from_spz_system(arrays, header.axes)
 
 
 def _positions(octets: NDArray, header: SpzHeader) -> NDArray:

@@ -15,7 +15,7 @@ import io
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..system.files import parsing
+from .axes import SPZ_AXES, SPZ_SYSTEMS
 
 READS, WRITES = (1, 2, 3, 4), (2, 3, 4)
 """Versions in and out."""
@@ -41,7 +42,7 @@ _EXTENSION = struct.Struct("<II")
 """Type and length of an extension record."""
 
 _ANTIALIASED, _HAS_EXTENSIONS = 1, 2
-_AXES_EXTENSION, _AXES_ACCEPTED = 0xADBE0003, (0, 4)  # unspecified, and the format's own right-up-back
+_AXES_EXTENSION = 0xADBE0003  # SPZ_ADOBE_coordinate_system
 _GZIP_LEVEL = 6  # level 9 takes twelve times as long for a thirtieth of the bytes
 _ZSTD_LEVEL = 12
 _MAX_WINDOW_BYTES = 1 << 27  # zstd's own bound on a decoder's memory
@@ -57,6 +58,7 @@ class SpzHeader:
         degree: of SH, 0 to MAX_DEGREE.
         fractional_bits: of positions, 0 to MAX_FRACTIONAL_BITS.
         antialiased: whether the Gaussians were trained for antialiased drawing.
+        axes: number of the coordinate system that an extension says they are in.
     """
 
     version: int
@@ -64,6 +66,7 @@ class SpzHeader:
     degree: int
     fractional_bits: int
     antialiased: bool = False
+    axes: int = SPZ_AXES
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -156,7 +159,7 @@ def _read_zstd(data: bytes, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
     if streams != len(widths) or table < _LONG_HEADER.size or at > len(data):
         raise InputError(f"{streams} streams with a table at byte {table} of {len(data)}, expected {len(widths)}")
     if flags & _HAS_EXTENSIONS:
-        _check_extensions(data[_LONG_HEADER.size : table])
+        header = replace(header, axes=_axes(data[_LONG_HEADER.size : table]))
     blocks = []
     for i, width in enumerate(widths):
         packed, plain = _TABLE_ROW.unpack_from(data, table + i * _TABLE_ROW.size)
@@ -169,16 +172,18 @@ def _read_zstd(data: bytes, max_bytes: int) -> tuple[SpzHeader, list[NDArray]]:
     return header, blocks if len(blocks) == len(header.widths) else [*blocks, np.zeros((header.count, 0), np.uint8)]
 
 
-def _check_extensions(records: bytes) -> None:
-    """Refuse the one extension that changes what the streams mean; others add to them."""
-    at = 0
+def _axes(records: bytes) -> int:
+    """The coordinate system by the one extension that changes what the streams mean; others add to them."""
+    at, stated = 0, SPZ_AXES
     while at + _EXTENSION.size <= len(records):
         kind, length = _EXTENSION.unpack_from(records, at)
         at += _EXTENSION.size
-        axes = int.from_bytes(records[at : at + length], "little")
-        if kind == _AXES_EXTENSION and axes not in _AXES_ACCEPTED:
-            raise InputError(f"coordinate system {axes} of an extension, accepted is 4 (right, up, back)")
+        if kind == _AXES_EXTENSION:
+            stated = int.from_bytes(records[at : at + length], "little") or SPZ_AXES
+            if stated > SPZ_SYSTEMS:
+                raise InputError(f"coordinate system {stated} of an extension, expected at most {SPZ_SYSTEMS}")
         at += length
+    return stated
 
 
 def _inflate(stream: bytes, size: int) -> bytes:
