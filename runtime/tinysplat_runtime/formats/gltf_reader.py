@@ -59,7 +59,10 @@ SPZ_EXTENSION = "KHR_gaussian_splatting_compression_spz_2"
 """A draft, by which an SPZ file in a buffer view stands in place of accessors. It speaks of other axes for what SPZ's
 library unpacks; we do as CesiumJS does: SPZ's numbers are glTF's."""
 
-_NEEDED = re.compile(rf"{EXTENSION}|{SPZ_EXTENSION}|KHR_mesh_quantization|(KHR|EXT)_(materials|lights|texture|xmp)_\w+")
+_VISIBILITY = "KHR_node_visibility"
+_NEEDED = re.compile(
+    rf"{EXTENSION}|{SPZ_EXTENSION}|{_VISIBILITY}|KHR_mesh_quantization|(KHR|EXT)_(materials|lights|texture|xmp)_\w+"
+)
 """Extensions that a file may require: known here, or of no concern to Gaussians."""
 
 _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -101,7 +104,7 @@ def read_gltf(path: Path, max_bytes: int) -> Contents:
             raise InputError(f"its nodes show more Gaussians than {max_bytes} bytes can hold")
         parts += [placed(arrays, matrix) for arrays in meshes[index]]
     if not parts:
-        raise InputError(f"no primitive with {EXTENSION}")
+        raise InputError(f"no primitive with {EXTENSION} in its visible nodes")
     return {**half_turned(joined(parts)), **viewpoint_arrays(views)}, _notes(_object(file.document.get("asset")))
 
 
@@ -230,7 +233,7 @@ def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
 
 
 def _nodes(document: JsonObject) -> Iterator[tuple[JsonObject, NDArray]]:
-    """Every node of the scene, and where it stands in the world (4, 4)."""
+    """Every visible node of the scene, and where it stands in the world (4, 4)."""
     nodes, scenes = document.get("nodes"), document.get("scenes")
     if not isinstance(nodes, list) or not nodes:
         raise InputError("a glTF document without nodes, so that it shows nothing")
@@ -246,6 +249,9 @@ def _nodes(document: JsonObject) -> Iterator[tuple[JsonObject, NDArray]]:
             visits += 1
             if visits > _MAX_NODES or depth > _MAX_DEPTH:
                 raise InputError("its nodes have no end")
+            extensions = _object(nodes[i].get("extensions"))
+            if _object(extensions.get(_VISIBILITY)).get("visible") is False:  # nor what is below it
+                continue
             matrix = parent @ _local_matrix(nodes[i])
             todo += [(int(child), matrix, depth + 1) for child in nodes[i].get("children", ())]
             yield nodes[i], matrix
