@@ -119,7 +119,7 @@ def test_depth_range_comes_from_options_first_and_is_needed_only_when_asked_for(
         load_scene(folder).depth_range()
 
 
-@pytest.mark.parametrize("near", [0, -1, float("nan"), float("inf"), FAR, FAR + 1])
+@pytest.mark.parametrize("near", [0, -1, 1e-300, float("nan"), float("inf"), FAR, FAR + 1])
 def test_depths_out_of_order_or_range_are_refused(folder: Path, near: float) -> None:
     assert f"{folder}: near" in refusal(folder, near=near)
 

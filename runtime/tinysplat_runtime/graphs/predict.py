@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, ModelError, NumericError
 from ..gaussian.gaussians import FIELDS, Gaussians
-from ..scene.cameras import MAX_DEPTH, Camera
+from ..scene.cameras import Camera, check_depth
 from .inference import Graph, as_input
 
 FAR_FROM_ORIGIN = 128.0
@@ -154,10 +154,7 @@ def _checked_images(images: NDArray, cameras: Sequence[Camera], limits: NetworkL
 
 def _check_range(near: float, far: float) -> None:
     for name, value in (("near", near), ("far", far)):
-        if not np.isfinite(value) or value <= 0:
-            raise InputError(f"{value}, expected a depth > 0", where=name)
-        if not 1 / MAX_DEPTH < value < MAX_DEPTH:
-            raise InputError(f"{value:g}, expected a depth from {1 / MAX_DEPTH:g} to {MAX_DEPTH:g}", where=name)
+        check_depth(value, name)
     if not near < far or not np.float32(1 / near) > np.float32(1 / far):
         raise InputError(f"near {near:g} and far {far:g}, expected near < far", where="near")
 

@@ -264,7 +264,7 @@ def _say_wide(scene: Scene, told: Told) -> None:
         seen = "about depths from {:.4g} to {:.4g}".format(*_range_seen(scene, told))
     except InputError:
         seen = "about none"
-    told.say("notice", f"near {near:g} and far {far:g} span 1:{far / near:.0f}; photos agree {seen}", scene.path)
+    told.say("notice", f"near {near:g} and far {far:g} span 1:{far / near:.4g}; photos agree {seen}", scene.path)
 
 
 def expected_bytes(scene: Scene) -> float:

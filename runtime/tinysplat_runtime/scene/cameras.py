@@ -28,6 +28,12 @@ MAX_POSITION = 1e15
 """Largest magnitude of a coordinate of a camera or an origin; float64 cannot tell tenths of a unit apart beyond it."""
 
 
+def check_depth(value: float, where: str) -> None:
+    """InputError where a depth is none that can be drawn."""
+    if not 1 / MAX_DEPTH < value < MAX_DEPTH:
+        raise InputError(f"{value:g}, expected a depth from {1 / MAX_DEPTH:g} to {MAX_DEPTH:g}", where=where)
+
+
 def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
     """A read-only float64 array of finite numbers, of any size where `shape` has -1; InputError says what is not."""
     try:

@@ -18,7 +18,7 @@ from ..errors import InputError, warn
 from ..system.printable import type_of
 from ..system.told import NOBODY, Told
 from . import BACKGROUND
-from .cameras import MAX_DEPTH, Camera, check_is_in_pixels
+from .cameras import Camera, check_depth, check_is_in_pixels
 from .footage import Video
 from .images import read_image
 from .lenses import Lens
@@ -196,7 +196,7 @@ class Scene:
         is_estimated: whether near or far was found from the photos, where nobody stated it.
 
     Raises:
-        InputError: there are no frames, or not 0 < near < far < MAX_DEPTH.
+        InputError: there are no frames, or not 1 / MAX_DEPTH < near < far < MAX_DEPTH.
     """
 
     path: Path
@@ -214,9 +214,8 @@ class Scene:
             check_is_in_pixels(frame.photo_camera or frame.camera, f"{self.path}: frames[{i}].K")
         for name in ("near", "far"):
             value = getattr(self, name)
-            if value is not None and not 0 < value < MAX_DEPTH:
-                where = f"{self.path}: {name}"
-                raise InputError(f"{value:g}, expected a depth > 0 and below {MAX_DEPTH:g}", where=where)
+            if value is not None:
+                check_depth(value, f"{self.path}: {name}")
         if self.near is not None and self.far is not None and not self.near < self.far:
             raise InputError(f"near {self.near:g} and far {self.far:g}, expected near < far", where=str(self.path))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...system.files import stays_inside
 from ...system.jsonfields import JsonObject, kind_of
-from ..cameras import MAX_DEPTH, finite_array
+from ..cameras import check_depth, finite_array
 
 MAX_NAME_BYTES, MAX_PATH_LENGTH = 240, 2000
 """Longest name and path of a photo: file systems hold 255 bytes and 4096, a suffix and the scene's folder included."""
@@ -67,10 +67,7 @@ class Fields:
         """A depth > 0 in scene units; None where there is none."""
         if self.values.get(name) is None:
             return None
-        value = self.number(name)
-        if not 0 < value < MAX_DEPTH:
-            fault = f"{str(self.values[name])[:20]}, expected a depth > 0 and below {MAX_DEPTH:g}"
-            raise InputError(fault, where=self.place(name))
+        check_depth(value := self.number(name), self.place(name))
         return value
 
     def array(self, name: str, shape: tuple[int, ...]) -> NDArray:
