@@ -111,6 +111,7 @@ def test_files_that_are_no_gaussians(capsys, folder: Path, tmp_path: Path, comma
         ("encode desk -o o.tsplat --nonsense", "--nonsense"),
         ("encode g.npz -o o.tsplat", "tinysplat compress g.npz"),
         ("compress g.npz -o o.tsplat --like g.npz", "g.npz"),
+        ("encode desk -o o.tsplat --like g.npz", "g.npz: header"),
         ("compress g.ply -o o.tsplat --grid 1,2,3", "1x2x3"),
         ("compress g.npz -o o.tsplat --refine 3", "--photos"),
         ("compress desk -o o.tsplat", "tinysplat encode"),

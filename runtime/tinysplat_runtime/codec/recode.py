@@ -79,7 +79,7 @@ def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
     """
     gaussians, stats = job.gaussians, job.stats
     with stats.watch.stage("parse"), within(_WHERE):
-        container = read_container(file, limits)
+        container = example(file, limits)
         layers, profile = _checked(gaussians, container)
         earlier = decode_file(container, job.store, threads=job.threads)
     coded, crew = [], Crew(job.threads)
@@ -90,10 +90,22 @@ def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
     return write_planes(coded, gaussians, profile, container.qp, stats)
 
 
+def example(file: bytes, limits: Limits | None = None) -> Container:
+    """What a file holds that others can be coded like.
+
+    Raises:
+        FormatError: the file is damaged.
+        InputError: it is of another mode.
+    """
+    container = read_container(file, limits)
+    if not isinstance(container.body, Planes):
+        raise InputError(f"a file of mode {container.mode}, expected {Planes.mode}")
+    return container
+
+
 def _checked(gaussians: Gaussians, container: Container) -> tuple[tuple[LayerHeader, ...], Profile]:
     """The file's layers and profile; InputError unless the file can serve as the scene's model."""
-    if not isinstance(container.body, Planes):
-        raise InputError(f"a file of mode {container.mode}, expected {Planes.mode}", where=_WHERE)
+    assert isinstance(container.body, Planes)
     gaussians.check_pixels()
     found = [layer.opacities.shape for layer in gaussians.layers]
     wanted = [(len(layer.cameras), layer.height, layer.width) for layer in container.body.layers]

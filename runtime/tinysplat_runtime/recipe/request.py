@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypedDict
 from ..codec.modes import CHOICES, DEFAULT_MODE, EITHER, LIST, PHOTOS
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
-from ..errors import InputError
+from ..errors import InputError, within
 from ..formats import SH_BITS, SPZ_VERSION, SPZ_VERSIONS
 from ..gaussian import MAP, OWN_VARIANCE, REMOVE
 from ..gaussian.notes import Notes
@@ -149,10 +149,15 @@ class Coding(Options):
         return not any(getattr(self, name) for name in Coding.options())
 
     def example(self) -> bytes | None:
-        """The bytes of `like`; InputError where it is a path that cannot be read."""
+        """The bytes of `like`; InputError or FormatError where it is a path to no file that can be coded like."""
         if self.like is None or isinstance(self.like, bytes):
             return self.like
-        return read_limited(self.like, MAX_FILE_BYTES)
+        from ..codec.recode import example
+
+        data = read_limited(self.like, MAX_FILE_BYTES)
+        with within(str(self.like)):
+            example(data)
+        return data
 
 
 class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
