@@ -158,7 +158,7 @@ def _there(photos: Sequence[Path], where: str) -> list[int]:
     kept = sorted({*range(len(photos))}.difference(missing))
     used = {photos[i] for i in kept}
     folders = sorted({photo.parent for photo in used})
-    there = {path for folder in folders for path in own_photos(folder)} | used
+    there = {path for folder in folders for path in own_photos(folder)}.difference(photos) | used
     if len(there) > len(used):
         place = f"{folders[0].name}/" if len(folders) == 1 else f"{len(folders)} folders"
         warn(f"{where}: {len(used)} of {len(there)} photos in {place} have a camera; the others are not used")
