@@ -36,6 +36,8 @@ IMPORT_LOCKS = "<frozen importlib._bootstrap>"
 
 _AGAIN_S = 0.01
 
+_UNMAPPED = "failed to map segment"  # of a library, what the system says where memory does not suffice
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
@@ -90,7 +92,7 @@ def _explained(error: Exception) -> int:
     if isinstance(error, OSError):
         name = f"{error.filename}: " if error.filename else ""
         return _fail(f"{name}{error.strerror or error}")
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _UNMAPPED in str(error)):
         return _fail("not enough memory; fewer or smaller photos or views, or fewer Gaussians, take less")
     raise error
 

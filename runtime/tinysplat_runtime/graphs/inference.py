@@ -25,6 +25,7 @@ from .providers import CPU, Provider, add_providers, first_line, nodes_by_provid
 
 CONTRACT_VERSION = 1
 
+_NO_MEMORY = "bad_alloc"  # as onnxruntime has it
 _F32, _U16 = "tensor(float)", "tensor(uint16)"
 
 
@@ -134,7 +135,7 @@ class Graph:
                 options[0].add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
             values = self.session.run(names, dict(inputs), *options)
         except Exception as error:  # onnxruntime raises a dozen unrelated types
-            raise ModelError(f"onnxruntime: {first_line(error)}", where=self.name) from error
+            raise self._failed(error) from error
         return dict(zip(names, values, strict=True))
 
     def run_into(self, inputs: Mapping[str, NDArray], outputs: Mapping[str, NDArray]) -> None:
@@ -156,7 +157,11 @@ class Graph:
                 binding.bind_output(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
             self.session.run_with_iobinding(binding)
         except Exception as error:
-            raise ModelError(f"onnxruntime: {first_line(error)}", where=self.name) from error
+            raise self._failed(error) from error
+
+    def _failed(self, error: Exception) -> Exception:
+        said = first_line(error)
+        return MemoryError(said) if _NO_MEMORY in said else ModelError(f"onnxruntime: {said}", where=self.name)
 
 
 def open_graph(
