@@ -242,17 +242,20 @@ def test_a_scene_that_takes_too_long_or_too_much_is_at_fault(tmp_path: Path) -> 
 
 
 def test_lines_failures_and_another_try(tmp_path: Path) -> None:
-    write_scene(tmp_path / "good", views=2, height=32, width=48)
+    write_scene(tmp_path / "good", views=3, height=32, width=48)
+    (gone := min((tmp_path / "good").rglob("*.png"))).unlink()
     (tmp_path / "list.txt").write_text("good\nmissing\n")
     done = tinysplat(
         "batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--json-lines", "--workers", "1", "--target-size", "9KB"
     )
     records = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 2 and {r["name"]: r["status"] for r in records} == {"good": "done", "missing": "failed"}
+    assert gone.name in records[0]["warning"] and "Warning" not in done.stderr
     assert (tmp_path / "out" / "good.tsplat").stat().st_size <= 9000
     again = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--retry-failed", "--workers", "1",
                       "--target-size", "9KB")  # fmt: skip
-    assert again.returncode == 2 and "missing" in again.stderr and "good" not in again.stderr
+    assert again.returncode == 2 and "good" not in again.stderr
+    assert [line.split()[1] for line in again.stderr.splitlines() if "missing" in line] == ["missing:"]
     kept = json.loads((tmp_path / "out" / "results.json").read_text())["scenes"]
     assert {name: record["status"] for name, record in kept.items()} == {"good": "done", "missing": "failed"}
 

@@ -8,6 +8,7 @@ import json
 import os
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,7 +19,7 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.layout import SUFFIX
-from tinysplat_runtime.errors import InputError, TinySplatError
+from tinysplat_runtime.errors import InputError, InputWarning, TinySplatError
 from tinysplat_runtime.graphs.providers import providers_of
 from tinysplat_runtime.recipe import words
 from tinysplat_runtime.recipe.encode import encode as encode_photos
@@ -96,7 +97,7 @@ def encode(job: BatchJob, threads: int = 1) -> JsonObject:
 
     Returns:
         The job's record: `bytes` and `sha256` of the file, `seconds`, `worker`, and a `warning` where photos and
-        cameras do not seem to belong together.
+        cameras do not seem to belong together, or some are left out.
 
     Raises:
         TinySplatError: the scene is at fault; another attempt would end the same way.
@@ -106,6 +107,9 @@ def encode(job: BatchJob, threads: int = 1) -> JsonObject:
     place, keep = job.output.removesuffix(SUFFIX), job.keep
 
     with contextlib.ExitStack() as stack:
+        warned = stack.enter_context(warnings.catch_warnings(record=True))
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", InputWarning)
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tinysplat-"))
         request = _local(job.request, lambda one: stack.enter_context(local_folder(one)))
         if keep.save_gaussians:
@@ -118,10 +122,11 @@ def encode(job: BatchJob, threads: int = 1) -> JsonObject:
             report = encode_report(coded, runtime, model=request.model)
             write(f"{place}.json", json.dumps(report, indent=2).encode())
     write(job.output, coded.data)
+    said = dict.fromkeys([*(str(warning.message) for warning in warned), *coded.doubts])
     return {
         "bytes": len(coded.data),
         "sha256": hashlib.sha256(coded.data).hexdigest(),
-        **({"warning": "; ".join(coded.doubts)} if coded.doubts else {}),
+        **({"warning": "; ".join(said)} if said else {}),
         "seconds": round(time.perf_counter() - start, 3),
         "worker": os.getpid(),
     }

@@ -93,15 +93,11 @@ def run(args: Namespace) -> int:
             f" {document['scenes_per_second']:.2f} scenes/s"
         )
     if document["failed"]:
-        failures = [
-            printable(f"{name}: {r['error']}") for name, r in document["scenes"].items() if r["status"] == "failed"
-        ]
-        print(
-            f"tinysplat: {len(failures)} scenes failed, the first: {failures[0]}",
-            *failures[1:],
-            sep="\n  ",
-            file=sys.stderr,
-        )
+        failed = {name: r["error"] for name, r in document["scenes"].items() if r["status"] == "failed"}
+        is_said = not (args.quiet or args.json_lines or sys.stderr.isatty())  # in a line of its own
+        lines = [] if is_said else [printable(f"{name}: {error}") for name, error in failed.items()]
+        count = f"tinysplat: {len(failed)} scene{'s' if len(failed) > 1 else ''} failed"
+        print(count, *lines, sep=": " if len(lines) == 1 else "\n  ", file=sys.stderr)
         return 2
     return 0
 
