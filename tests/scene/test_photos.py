@@ -74,6 +74,7 @@ def test_masks_depths_and_normals_of_others_are_nobody_s_photos(tmp_path: Path) 
 def test_photos_that_are_gone_and_those_without_a_camera_are_counted(tmp_path: Path) -> None:
     having(tmp_path, *(f"{i}.png" for i in range(5)), "1.mask.png", "2.png.png", "._3.png")
     photos = [tmp_path / f"{i}.png" for i in (0, 1, 2, 8, 9)]
+    photos[3].symlink_to("nowhere.png")
 
     def frame(i: int) -> Frame:
         return Frame(make_cameras(1, 8, 8)[0], photos[i])

@@ -1,6 +1,6 @@
 """Whether photos, cameras and depths belong together: a look before the network runs, with one module per evidence.
 
-intrinsics.py  numbers that no camera has
+intrinsics.py  numbers that no camera has, and units in which nothing is drawn
 photos.py      photos by themselves, and what stays in place on all of them
 corners.py     corners that photos have in common, which tell cameras and single photos, whatever depths are
 colours.py     how bright and of which colours photos show the same corners
@@ -16,7 +16,7 @@ from ...scene.scenes import Scene
 from ...system.told import NOBODY, Told
 from .colours import colour_doubts
 from .corners import alone, misread, range_of_corners
-from .intrinsics import impossible
+from .intrinsics import impossible, too_near
 from .photos import bordered, stuck, useless
 from .seen import Seen
 from .sweep import range_doubts
@@ -24,6 +24,7 @@ from .sweep import range_doubts
 KINDS: tuple[Callable[[Seen], list[str]], ...] = (
     useless,
     impossible,
+    too_near,
     bordered,
     stuck,
     misread,

@@ -1,9 +1,12 @@
-"""Intrinsics that no photo has, by their numbers alone."""
+"""Intrinsics that no photo has, and units in which nothing is drawn, by their numbers alone."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from ...render.renderer import NEAR_PLANE
 from ...scene.cameras import Camera
 from .seen import Seen
 
@@ -29,6 +32,16 @@ def impossible(seen: Seen) -> list[str]:
             fault = f"K has a skew of {skew:.0%} of the focal length, which photos do not have: K[0][1] is 0"
             return [f"{name}: {fault}"]
     return []
+
+
+def too_near(seen: Seen) -> list[str]:
+    """Units of the poses in which most of a scene is nearer than what is drawn."""
+    near, middle, far = (float(seen.depths[i]) for i in (0, len(seen.depths) // 2, -1))
+    if middle > NEAR_PLANE:
+        return []
+    larger = 10.0 ** math.ceil(-math.log10(near))
+    drawn = f"nothing nearer than {NEAR_PLANE:g} is drawn"
+    return [f"depths of {near:.2g} to {far:.2g} units, where {drawn}: poses {larger:.0e} times as large show them"]
 
 
 def _off_centre(camera: Camera) -> str:
