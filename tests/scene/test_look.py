@@ -21,6 +21,7 @@ from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.scene.lenses import opencv_lens
 from tinysplat_runtime.scene.look import range_seen
 from tinysplat_runtime.scene.scenes import Frame, Scene, even_sizes
+from tinysplat_runtime.scene.turned import as_cameras_have_them
 
 DEPTHS = (2.0, 5.0)
 H, W, F = 144, 192, 162.0
@@ -143,6 +144,29 @@ def test_right_cameras_are_not_suspected(tmp_path: Path, views: list[ts.Camera])
 )
 def test_what_is_wrong_with_poses_is_named(scene: Scene, pose, words: str) -> None:
     assert doubted(changed(scene, pose), words)
+
+
+@pytest.mark.parametrize("orientation", [2, 3])
+@pytest.mark.parametrize("are_cameras_of_stored", [True, False])
+def test_photos_that_exif_turns_are_taken_as_their_cameras_have_them(
+    tmp_path: Path, orientation: int, are_cameras_of_stored: bool
+) -> None:
+    here = walls(tmp_path, FOUR)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    for frame in here.frames:
+        pixels = np.asarray(Image.open(frame.path))
+        stored_so = pixels if are_cameras_of_stored else pixels[:: -1 if orientation == 3 else 1, ::-1]
+        Image.fromarray(stored_so).save(frame.path, exif=exif)
+    found = as_cameras_have_them(here)
+    wanted = [(photo(view) * 255).astype(np.uint8) for view in FOUR]
+    for frame, pixels in zip(found.frames, wanted, strict=True):
+        np.testing.assert_array_equal(frame.photo(), pixels)
+
+
+def test_units_in_which_nothing_is_drawn_are_told(tmp_path: Path) -> None:
+    small = changed(walls(tmp_path, FOUR), lambda i, c2w: c2w * np.array([[1, 1, 1, 1e-4]] * 3 + [[1] * 4]))
+    assert doubted(small.between(1.5e-4, 6e-4), "0.00015 0.0006 0.01 1e+04")
 
 
 @pytest.mark.parametrize("place", [(454321.5, 5351234.25, 300.0), (4_177_000.5, 855_000.25, 4_727_000.75)])

@@ -21,6 +21,7 @@ from ..scene.look import LOOK_WIDTH, range_guessed, range_seen, thumbnail_size
 from ..scene.neighbours import LEAST_BASELINE, Neighbours
 from ..scene.scenes import Frame, Scene
 from ..scene.spacing import Spacing
+from ..scene.turned import as_cameras_have_them
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
 from ..system.printable import listed
 from ..system.told import NOBODY, Told
@@ -65,6 +66,11 @@ def prepared(request: EncodeRequest, told: Told = NOBODY) -> Scene:
     scene = named_scene(request)
     if request.masks is not None:
         scene = scene.with_masks(None if request.masks == NO else request.masks)
+    if (stored := as_cameras_have_them(scene)) is not scene:
+        told.say(
+            "notice", "photos are taken as stored, which fits their cameras; Exif orientation turns them", scene.path
+        )
+        scene = stored
     chosen, why = _chosen_views(request, scene, told)
     _say_wide(chosen, told)
     sized = _masked(request, _sized(request, chosen, told), told)

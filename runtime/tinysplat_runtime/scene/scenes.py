@@ -50,6 +50,7 @@ class Frame:
             video's frames whose photos they were.
         mask: which of the photo's pixels count, where not all do.
         number: which of its file's photos it is, counted from 0, whether they are there or not; None where unknown.
+        is_stored: whether the photo is taken as it is stored, whatever its Exif orientation.
         kept: what `image` and `known` gave, by these names, once they did; None where that is not to be kept.
     """
 
@@ -62,6 +63,7 @@ class Frame:
     taken_with: Lens | None = None
     mask: Mask | None = None
     number: int | None = None
+    is_stored: bool = False
     kept: dict[str, NDArray | None] | None = field(default=None, repr=False)
 
     @classmethod
@@ -147,13 +149,16 @@ class Frame:
         """
         stated = self.lens or self.photo_camera or self.camera
         shrink = 1 if least is None else self._shrink(*least)
-        pixels = read_image(self.path, shrink=shrink) if self.video is None else self.video.frame(self.index)
+        if self.video is None:
+            pixels = read_image(self.path, shrink=shrink, upright=not self.is_stored)
+        else:
+            pixels = self.video.frame(self.index)
         if self.video is not None and pixels.shape[:2] != (stated.height, stated.width) == self.video.stored:
             pixels = self.video.frame(self.index, is_square=False)
         if shrink > 1 and pixels.shape[:2] != (stated.height, stated.width):
             if pixels.shape[:2] == (stated.height // shrink, stated.width // shrink):
                 return pixels
-            pixels = read_image(self.path)
+            pixels = read_image(self.path, upright=not self.is_stored)
         if pixels.shape[:2] == (stated.width, stated.height) != (stated.height, stated.width) and self.video is None:
             pixels = read_image(self.path, upright=False)
             if pixels.shape[:2] == (stated.height, stated.width):
