@@ -325,10 +325,16 @@ def test_one_field_of_interlaced_frames_is_shown(tmp_path: Path) -> None:
     np.testing.assert_allclose(tagged.frame(1).astype(int), progressive.frame(1), atol=12)
 
 
-def test_two_pictures_in_one_are_refused_by_name(tmp_path: Path) -> None:
-    frames = [np.tile(frame, (1, 2, 1)).astype(np.uint8) for frame in NOISE[:3]]
-    with refusing(InputError, "side by side"):
-        open_video(write_frames(tmp_path / "v.mp4", frames, **{"x264-params": "frame-packing=3"}))
+@pytest.mark.parametrize("is_flagged", [True, False])
+@pytest.mark.parametrize(("times", "packing", "words"), [((1, 2, 1), 3, "side by side"), ((2, 1, 1), 4, "above")])
+def test_two_pictures_in_one_are_refused_by_name(
+    tmp_path: Path, times: tuple[int, ...], packing: int, words: str, is_flagged: bool
+) -> None:
+    blobs = np.kron(np.random.default_rng(0).uniform(0, 255, (16, 20, 3)), np.ones((10, 10, 1)))
+    frames = [np.tile(np.roll(blobs, 3 * n, axis=1), times).astype(np.uint8) for n in range(3)]
+    options = {"x264-params": f"frame-packing={packing}"} if is_flagged else {}
+    with refusing(InputError, words):
+        open_video(write_frames(tmp_path / "v.mp4", frames, **options))
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mkv"])

@@ -28,6 +28,7 @@ from ..errors import InputError, warn
 from ..system.files import StrPath, check_readable, parsing
 from .colours import of_code_points, to_srgb
 from .images import MAX_PIXELS
+from .matches import doubled
 from .resampling import scaled
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".ts")
@@ -43,6 +44,7 @@ _MATRICES = (_RGB, _BT709, 4, _BT601, 6, 7, _BT2020)  # those that swscale knows
 _HD_HEIGHT = 720  # pictures as high, and which do not say it, are taken for BT.709's, as players take them
 _LONE_FRAME_S = 1 / 30  # how long a video's only frame is taken to be shown
 _WHOLE = 0.9  # of the time that a file states, that its frames last if it is not cut short
+_LOOK_SIDE = 640  # pixels of a frame in which two pictures are looked for
 _STRAIGHT = 0.02  # of the largest entry of a display matrix, that others are noise
 _MOST_STRETCHED = 4  # times that pixels are wider than high, or higher than wide
 _BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # that MP4 and QuickTime begin with
@@ -167,11 +169,20 @@ def open_video(path: StrPath) -> Video:
             raise InputError("a video none of whose frames can be decoded")
         if (stereo := first.side_data.get(Type.STEREO3D)) is not None:
             (kind,) = struct.unpack_from("<i", bytes(stereo))  # libavutil/stereo3d.h
-            if kind in _STEREO:
-                fault = f"two pictures {_STEREO[kind]} (stereo 3D), expected one"
-                raise InputError(f"{fault}: `ffmpeg -i IN -vf stereo3d=sbsl:ml OUT.mp4` takes the left one")
-        (height, width, _), (*stored, _) = (_shown(first, stream, is_square=one).shape for one in (True, False))
+            _check_single(_STEREO.get(kind, ""))
+        picture = _shown(first, stream)
+        (height, width, _), (*stored, _) = picture.shape, _shown(first, stream, is_square=False).shape
+        shrink = min(1.0, _LOOK_SIDE / max(height, width))
+        _check_single(doubled(scaled(picture, round(height * shrink), round(width * shrink))))
         return Video(Path(path), np.array(sorted(stamps), np.int64), unit, height, width, (stored[0], stored[1]))
+
+
+def _check_single(doubled: str) -> None:
+    """InputError where a frame is two pictures, doubled in that way."""
+    if doubled:
+        layout = "abl" if "above" in doubled else "sbsl"
+        fault = f"two pictures {doubled} (stereo 3D), expected one"
+        raise InputError(f"{fault}: `ffmpeg -i IN -vf stereo3d={layout}:ml OUT.mp4` takes the left one")
 
 
 def _stated_length(stream: Any) -> float:

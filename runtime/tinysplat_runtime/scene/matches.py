@@ -34,6 +34,10 @@ STAYING, UNDISTURBED = 3, 0.75
 """Corners a pair of photos that stay at their place, and their share of the corners there, where something is on the
 lens or on the photos. Right photos of 24 captures have none; about the axis of a turntable one stays, of which 0.65."""
 
+TWICE, EYES = 0.15, 0.15
+"""Share of corners that the halves of a picture have in common where they are two eyes' views of one place, and of a
+half's width that these lie apart at most."""
+
 MARGIN = PATCH * STEP // 2 + 1
 
 
@@ -113,6 +117,24 @@ def staying(pairs: Sequence[NDArray]) -> NDArray:
         return np.empty((0, 2))
     disturbing = _near(np.concatenate(moving), kept, 2 * MOVED).sum()
     return kept if len(kept) >= UNDISTURBED * (len(kept) + disturbing) else np.empty((0, 2))
+
+
+def doubled(image: NDArray) -> str:
+    """Whether a picture (H, W, 3), float in [0, 1], is two of one place, as 3D films have them, `side by side` or `one
+    above the other`; else nothing.
+    """
+    height, width = (side // 2 for side in image.shape[:2])
+    for words, first, second in (
+        ("side by side", image[:, :width], image[:, -width:]),
+        ("one above the other", image[:height], image[-height:]),
+    ):
+        one, other = corners(first), corners(second)
+        common = matched(one, other)
+        down, across = np.abs(common[:, 4] - common[:, 1]), np.abs(common[:, 3] - common[:, 0])
+        level = (down < MOVED) & (across < EYES * first.shape[1])
+        if level.sum() > TWICE * max(min(len(one.places), len(other.places)), CORNERS / 4):
+            return words
+    return ""
 
 
 def place_in_picture(places: NDArray, width: int, height: int) -> str:
