@@ -253,7 +253,7 @@ def test_nodes_may_be_nested_but_not_without_end(tmp_path: Path) -> None:
         refused(load_gaussians, tmp_path / "a.gltf")
 
 
-def test_the_scene_s_roots_are_shown_or_all_nodes_where_there_is_no_scene_but_for_invisible_ones(tmp_path: Path) -> None:
+def test_visible_roots_of_the_scene_are_shown_or_all_nodes_where_there_is_no_scene(tmp_path: Path) -> None:
     def shown(**fields: Any) -> list[float]:
         def change(document: dict[str, Any]) -> None:
             document["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 100]}, {"children": [1]}]
