@@ -10,6 +10,7 @@ nothing is fetched.
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from tinysplat.measure.pictures import mean_psnr
 from tinysplat.measure.show.tables import format_table
 from tinysplat.measure.subjects.captures import Capture
 from tinysplat.measure.subjects.room import FAR_M, NEAR_M, write_motorcycle, write_room
-from tinysplat_runtime.cli import main as tinysplat
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.render import Renderer, between
@@ -102,7 +102,8 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
     with watch.stage("encode"):
         data = runtime.encode(capture.others, mode="list")
     (out / "walk.tsplat").write_bytes(data)
-    tinysplat(["view", str(out / "walk.tsplat"), "--html", str(out / "walk.html"), "-q"])
+    page = ["view", str(out / "walk.tsplat"), "--html", str(out / "walk.html"), "-q"]
+    subprocess.run([sys.executable, "-m", "tinysplat_runtime", *page], check=True)
     renderer = Renderer(runtime.decompress(data))
     photos, drawn = capture.targets.images(), list(map(renderer.render, capture.targets.cameras))
     write_png(out / "walk.png", np.concatenate([np.concatenate(list(row), axis=1) for row in (photos, drawn)]))

@@ -53,7 +53,9 @@ def test_runtime_imports_only_what_ships_to_the_edge() -> None:
     assert files
     breaks = []
     for path in files:
-        own = {"numba"} if path.name.startswith("kernels_") else set[str]()  # modules that are loaded where it is
+        own = (
+            {"numba", "llvmlite"} if path.name.startswith("kernels_") else set[str]()
+        )  # modules that are loaded where it is
         for package, line, is_inside in imports(path):
             if package not in ALLOWED_IN_RUNTIME | own and not (is_inside and package in EXTRAS):
                 breaks.append(f"{path.relative_to(ROOT)}:{line} imports {package}")

@@ -122,7 +122,7 @@ def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
 
     def foretold(side: int, views: int, at_most: int | None = None) -> list[float]:
         scene = ts.load_scene(write_scene(tmp_path / f"{side} {views} {at_most}", views=views, height=side, width=side))
-        line = list_forecast(scene, at_most)
+        line = list_forecast(scene, at_most, None)
         assert line.startswith(f"{views} photos of {side}x{side}:")
         words = line.replace(",", "").split()
         return [float(words[words.index(unit) - 1]) for unit in ("Gaussians", "KB", "CPU")]

@@ -139,7 +139,7 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     if request.mode == LIST and told.listens:
         from .forecast import list_forecast
 
-        told.say("notice", list_forecast(whole, request.at_most), scene.path)
+        told.say("notice", list_forecast(whole, request.at_most, request.target_size if is_coded else None), scene.path)
     photos = len(scene.frames)
     told.plan(ahead(way, request, photos, refinement, is_compared=is_compared, is_coded=is_coded))
     doubted = _doubted(scene, told)

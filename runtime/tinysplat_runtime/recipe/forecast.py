@@ -10,14 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..scene.scenes import Frame, Scene
-from ..sparse.start import smoothed
+from ..sparse import BYTES_EACH
+from ..sparse.contrast import contrast
 from ..system.evenly import evenly
 
 PHOTOS = 4
 """Photos of a capture that are looked at for how much detail all have."""
-
-BYTES = 12.8
-"""Of a Gaussian in a file."""
 
 PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 2.2, 0.00066, 0.7
 """CPU seconds of a photo of 256×256, of a Gaussian, and the power of pixels that those of larger photos grow with."""
@@ -26,17 +24,16 @@ MANY, PRUNE_SECONDS, KEEP_SECONDS = 100_000, 0.14, 0.025
 """Gaussians from which pruning takes long; CPU seconds of a thousand, pruned or all kept: docs/lab/list.md."""
 
 
-def list_forecast(scene: Scene, at_most: int | None) -> str:
-    """A line about photos as a list has them: Gaussians, bytes and CPU seconds."""
+def list_forecast(scene: Scene, at_most: int | None, size: int | None) -> str:
+    """A line about photos as a list of at most so many Gaussians and bytes has them: Gaussians, bytes, CPU seconds."""
     count, camera = len(scene.frames), scene.cameras[0]
     detail = count * float(np.mean([_detail(scene.frames[view]) for view in evenly(count, PHOTOS)]))
-    gaussians = min(9.1 * detail**0.6 * count**0.08, at_most or np.inf)
-    size = max(camera.width * camera.height / 256**2, 0.5)  # steps of small photos cost what Gaussians do
-    seconds = PHOTO_SECONDS * count * size**SIZE + GAUSSIAN_SECONDS * gaussians
-    return (
-        f"{count} photos of {camera.width}x{camera.height}: about {_rounded(gaussians)} Gaussians and"
-        f" {_rounded(BYTES * gaussians / 1000)} KB (perhaps half or twice as many), {_rounded(seconds)} CPU seconds"
-    )
+    gaussians = min(9.1 * detail**0.6 * count**0.08, at_most or np.inf, (size or np.inf) / BYTES_EACH)
+    larger = max(camera.width * camera.height / 256**2, 0.5)  # steps of small photos cost what Gaussians do
+    seconds = PHOTO_SECONDS * count * larger**SIZE + GAUSSIAN_SECONDS * gaussians
+    made = f"about {_rounded(gaussians)} Gaussians and {_rounded(BYTES_EACH * gaussians / 1000)} KB"
+    taken = f"(perhaps half or twice as many), {_rounded(seconds)} CPU seconds"
+    return f"{count} photos of {camera.width}x{camera.height}: {made} {taken}"
 
 
 def prune_forecast(count: int) -> str:
@@ -50,9 +47,7 @@ def prune_forecast(count: int) -> str:
 
 def _detail(frame: Frame) -> float:
     """The sum over a photo's pixels of the root of contrast, as `sparse.start.Surface` has it."""
-    grey = np.nan_to_num(frame.judged().mean(axis=-1))
-    across, below = np.diff(grey, axis=1, append=grey[:, -1:]), np.diff(grey, axis=0, append=grey[-1:])
-    return float(np.sqrt(smoothed(np.abs(across) + np.abs(below))).sum())
+    return float(np.sqrt(contrast(frame.judged())).sum())
 
 
 def _rounded(number: float) -> str:

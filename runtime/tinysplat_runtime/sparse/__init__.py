@@ -3,6 +3,9 @@
 LEAST_GAUSSIANS, MOST_GAUSSIANS = 2_000, 500_000
 """How many a list begins with where nobody says: as many as its photos have detail (`start.Surface`), within these."""
 
+KEPT, BYTES_EACH = 0.55, 12.5
+"""Share of these that is left at the end, and bytes that a file takes for each, about."""
+
 STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 60, 800, 4_000
 """Usual steps: so many a photo, between these."""
 

@@ -16,6 +16,7 @@ from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
 from ..gaussian.thin import opacities_kept
 from . import FEW_PHOTOS, LEAST_GAUSSIANS, MOST_GAUSSIANS
+from .contrast import contrast
 from .settings import Settings
 
 COARSE_SIZE = 1.7
@@ -52,7 +53,7 @@ class Surface:
         """
         kept = opacities_kept(capture, run_jobs, shown=1)
         shape, finer = kept[0].shape[1:], photos[0][..., 0].size / kept[0][0].size
-        contrasts = np.stack([_of_size(_contrast(photo)[..., None], *shape)[..., 0] for photo in photos])
+        contrasts = np.stack([_of_size(contrast(photo)[..., None], *shape)[..., 0] for photo in photos])
         weights = [np.maximum(kept[0], 0) * (1 + settings.texture * contrasts)]
         weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
         if not any(weight.any() for weight in weights):
@@ -92,20 +93,6 @@ def further(
     weight = np.stack([_of_size(view[..., None], *shape)[..., 0] for view in wrong]) * surface.opacities
     (chosen,) = _drawn(_odds([weight], count), count, rng)
     return _taken(surface, chosen, settings.added_size, settings.added_opacity, settings.functions)
-
-
-def smoothed(plane: NDArray) -> NDArray:
-    """(H, W), the mean of 3×3 neighbours."""
-    padded = np.pad(plane, 1, mode="edge")
-    rows = padded[:-2] + padded[1:-1] + padded[2:]
-    return (rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9
-
-
-def _contrast(photo: NDArray) -> NDArray:
-    """(H, W): how much grey changes to the right and below, smoothed."""
-    grey = np.nan_to_num(photo.mean(axis=-1))
-    across = np.abs(np.diff(grey, axis=1, append=grey[:, -1:]))
-    return smoothed(across + np.abs(np.diff(grey, axis=0, append=grey[-1:])))
 
 
 def _of_size(picture: NDArray, height: int, width: int) -> NDArray:

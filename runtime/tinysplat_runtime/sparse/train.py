@@ -31,14 +31,12 @@ from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
-from . import DEFAULT_SECONDS, start, usual_steps
+from . import BYTES_EACH, DEFAULT_SECONDS, KEPT, start, usual_steps
+from .contrast import smoothed
 from .settings import Budget, Settings
 
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
-
-KEPT, BYTES_EACH = 0.55, 12.5
-"""Share of the Gaussians that is left at the end, and bytes that a file takes for each, about."""
 
 
 @dataclass
@@ -246,7 +244,7 @@ class _Training:
             shown, photo = picture[known], target.photo[known]
             logs.append([log_gain(shown[:, colour], photo[:, colour]) for colour in range(3)])
             error = np.where(known[..., None], picture - self._exposed(view, 1).photo, np.float32(0))
-            wrong.append(start.smoothed(np.abs(error).sum(axis=-1)))
+            wrong.append(smoothed(np.abs(error).sum(axis=-1)))
         self._gains = _gains(np.array(logs), self._settings.exposure)
         return wrong
 
