@@ -90,7 +90,7 @@ PICTURES = {
     "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
     "docs/steps.png": MadePicture(
         "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
-        ["benchmarks/reports/2026-11-27/steps.jsonl"],
+        ["benchmarks/reports/2026-11-28/steps.jsonl"],
         "SCENES: the six captures of docs/MEASURING.md",
     ),
 }
