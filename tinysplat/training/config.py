@@ -69,7 +69,7 @@ class OptimiserSettings:
         steps: after which training ends.
         warmup, cooldown: steps.
         average: decay of the exponential moving average of the weights.
-        heads_alone: leave alone what finds the surfaces (`Edge.find`), and train what dresses them.
+        heads_alone: train nothing but `Edge.fine`, `Edge.head` and `Edge.coarse`.
     """
 
     rate: float = 1e-3

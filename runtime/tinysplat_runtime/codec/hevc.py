@@ -90,7 +90,7 @@ def encode_plane(codes: NDArray, qp: int, settings: EncoderSettings, offsets: ND
         qp: 0 to 51.
         settings: libx265's preset and parameters.
         offsets: (ceil(H / 16), ceil(W / 16)) whole numbers added to the QP of blocks of `QP_BLOCK` pixels, if
-            `settings.block_qps`.
+            `EncoderSettings.block_qps`.
 
     Returns:
         The coded picture, of size `padded_size(H, W)`.

@@ -80,7 +80,7 @@ def pack_blocks(header: SpzHeader, blocks: Sequence[NDArray]) -> bytes:
 
     Args:
         header: of one of the versions of WRITES.
-        blocks: (N, width) uint8 in the order of `header.widths`.
+        blocks: (N, width) uint8 in the order of `SpzHeader.widths`.
 
     Raises:
         ImportError: version 4, and zstandard is not installed.

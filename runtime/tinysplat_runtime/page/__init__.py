@@ -1,1 +1,1 @@
-"""A scene as one web page that loads nothing from anywhere: `build.build_page`; WebGL2 draws it as `render` does."""
+"""A scene as one web page that loads nothing from anywhere: `build.scene_page`; WebGL2 draws it as `render` does."""

@@ -7,7 +7,7 @@ functions of `api` fill in the same request and hand it to the same function.
     prepare.py     which photos, how large, between what depths
     memory.py      whether they fit
     refinement.py  whether they correct what comes of them, where nobody said
-    plan.py        how many bytes they become
+    ahead.py       the steps to come, and the share of time of each
     doubts/        what is likely wrong with them, a module per kind of evidence
     stages.py      refinement and coding: a step each
     encode.py      all of it, in order, and the same of Gaussians that are at hand

@@ -6,7 +6,7 @@
     field.values[:, grid.rows] -= …
 
 A Gaussian moves along the ray of its own pixel alone, and may grow, fade and change its colour of SH degree 0
-(`kernels_gradient.VALUES`). Needs numba (`tinysplat[fast]`).
+(`kernels_place.VALUES`). Needs numba (`tinysplat[fast]`).
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ class MovableGaussians:
 
     Attributes:
         grids: every view of every layer.
-        values: (6, rows) float32, see `kernels_gradient.VALUES`; grids begin at multiples of 128 rows, and rows that
+        values: (6, rows) float32, see `kernels_place.VALUES`; grids begin at multiples of 128 rows, and rows that
             belong to none show nowhere.
     """
 
