@@ -29,26 +29,25 @@ from ..system.told import NOBODY, Told
 from .kernels_joint import Compared, medians, put, search
 
 SOURCES = 5
-"""Other photos that the pixels of one are held against: its nearest partners."""
+"""Nearest partners that a photo is compared with."""
 
 FORWARD = 3
-"""Of these, whose maps are tried."""
+"""How many of these offer their depths as candidates."""
 
 PASSES, MARGIN = 4, 0.1
-"""Passes, and by how much a plane has to be cheaper than the network's at the end for a pixel to leave that."""
+"""Passes, and the least gain over the network's depth for which a pixel leaves it at the end."""
 
 FEW, FEW_PASSES, FEW_MARGIN = 6, 2, 0.15
-"""The same for so few photos, which contradict a wrong plane less often."""
+"""The same for this few photos, which contradict a wrong plane less often."""
 
 CLEAN = 1
-"""Radius of the medians of what is found, pixels: on what has no texture there are speckles."""
+"""Radius in pixels of the median that removes speckles where there is no texture."""
 
 BELOW, ABOVE = 0.8, 1.1
-"""How far beyond what the network found in all of a photo inverse depths may go, as factors; beyond the far plane by
-another 0.3 of it."""
+"""Factors by which inverse depths may exceed the network's range for a photo; not below 0.3 of the far plane's."""
 
 FLATTEN = 3
-"""Radius of the medians that slopes are smoothed with, pixels."""
+"""Radius in pixels of the median that smooths slopes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 from ..system.kernels_compile import Number, compiled
 
 RADIUS = 2
-"""Of the window that is compared, pixels; every other pixel of it counts."""
+"""Radius in pixels of the compared window, of which every other pixel counts."""
 
 SAME_PX = 0.15
-"""A plane that moves a pixel by less than the best so far does is not tried."""
+"""Planes that differ from the best so far by less than this many pixels of parallax are not tried."""
 
 REACH_COLOUR, REACH_PLACE = 0.12, 4.0
 """Difference of colour, and pixels, at which a pixel of the window weighs 1/e (adaptive support, Yoon & Kweon 2006)."""
 
 NOISE = 5e-5
-"""Variance of grey, in squares of its range, that is no texture."""
+"""Variance of grey in [0, 1] below which there is no texture."""
 
 SHARE = 0.5
-"""Of the sources that see a pixel, the best that count, as the others may not see what it shows (COLMAP, ACMH)."""
+"""Share of the sources that count, the best ones; others may be occluded (COLMAP, ACMH)."""
 
 COLOUR, COLOUR_MOST = 0.5, 0.1
 """Weight of the difference of colours, and the difference from which it grows no more."""
@@ -44,7 +44,7 @@ SMOOTH, SMOOTH_PX, SMOOTH_COLOUR = 0.05, 2.0, 0.04
 """Weight of jumps to neighbours, jumps that are as bad as any, and difference of colour at which they are free."""
 
 UNSEEN = 0.6
-"""What a plane costs that no source sees."""
+"""Cost of a plane that no source sees."""
 
 STEPS = 4
 """A pixel's own plane is tried one and two pixels of parallax nearer and farther."""

@@ -25,7 +25,7 @@ from .predict import NetworkLimits, predict
 from .walk import capture_groups, predict_groups
 
 LEAST_EACH = 3
-"""Photos from which on they go through a network's stages one by one: two have nobody else to agree with."""
+"""Fewest photos that go through a network's stages one by one: two have no third to agree with."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Way(ABC):
     def of(
         scene: Scene, model: str, store: GraphStore, *, threads: int, whole: bool = False, joint: bool = True
     ) -> Way:
-        """That of a scene's photos; see `Runtime.predict` for the arguments."""
+        """Choose the way for a scene; see `Runtime.predict` for the arguments."""
         camera = scene.cameras[0]
         if not whole and camera.width * camera.height > LARGE_PIXELS and (graph := store.enlarger()) is not None:
             enlarger = Enlarger.of(graph)
@@ -61,24 +61,22 @@ class Way(ABC):
     @property
     @abstractmethod
     def steps(self) -> list[tuple[str, float]]:
-        """What it goes through, and what that is likely to take, as `recipe.ahead` has it."""
+        """(label, usual share of the time) of each step, as in `recipe.ahead`."""
 
     @abstractmethod
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
-        """The same before masks."""
+        """`predicted` before masks are applied."""
 
 
 @dataclass(frozen=True)
 class Grouped(Way):
-    """Group by group, as they are."""
+    """Photos go through group by group, at full size."""
 
     @property
     def steps(self) -> list[tuple[str, float]]:
-        """Photos."""
         return [("Gaussians of photos", 28.0)]
 
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
-        """As the first."""
         graph = self.store.network(self.model)
 
         def run(views: Sequence[int]) -> Gaussians:
@@ -91,7 +89,7 @@ class Grouped(Way):
         return predict_groups(scene.cameras, near, groups, run, told)
 
     def _run(self, images: list[NDArray], scene: Scene, graph: Graph) -> Gaussians:
-        """Of one group, whose photos may be let go."""
+        """Gaussians of one group; its photos may be freed."""
         return predict(images.pop(), scene.cameras, *scene.depth_range(), graph)
 
 
@@ -111,22 +109,20 @@ class SmallCopies(Grouped):
 
 @dataclass(frozen=True)
 class OneByOne(Way):
-    """Three or more through the stages of a network, each beside its partners.
+    """Three or more photos go through the stages of a network one by one, each beside its partners.
 
     Attributes:
-        threads: of the step in which they agree on depth; None to leave that out.
+        threads: for the step in which they agree on depth; None to skip it.
     """
 
     threads: int | None
 
     @property
     def steps(self) -> list[tuple[str, float]]:
-        """Each stage."""
         agreeing = [("agreeing on depth", 20.0)] * bool(self.threads)
         return [("opening the network", 2.0), ("depth of photos", 12.0), *agreeing, ("Gaussians of photos", 11.0)]
 
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:
-        """As the first."""
         stages = self.store.stages(self.model)
         groups = _groups(scene, stages["glance"], CLOSE)  # one by one, groups of their own cost no calls
         run_jobs = Crew(self.threads).map if self.threads else None

@@ -1,4 +1,4 @@
-"""What a Gaussian is worth at a Q_g: as much error as the quantiser's steps bear for the bytes that it takes.
+"""Prunes Gaussians whose loss costs less than saving their bytes by coarser steps would.
 
 Rounding a scene to its steps makes an error D. Over Q_g bytes fall by 0.1 octave and D grows by 0.95 dB, so that the
 last byte saved by coarser steps costs 3.2·D/R of N Gaussians' R bytes; one that costs less than its own bytes' worth,
@@ -34,11 +34,11 @@ from .tiers import tiers_of
 
 @dataclass(frozen=True)
 class Terms:
-    """How much goes, and how what is left is coded.
+    """How much is pruned, and how the rest is coded.
 
     Attributes:
-        slope: worth of a Gaussian over the mean error by Gaussian that `ListEncoder.rounded` estimates.
-        steps: of what is left, over those of Q_g.
+        slope: worth of a Gaussian over the mean error per Gaussian of `ListEncoder.rounded`.
+        steps: steps of what is left, over those of Q_g.
     """
 
     slope: float
@@ -59,7 +59,7 @@ SPARSE_PLACE = Terms(slope=12.0, steps=1.0)
 """At equal bytes a slope of 12 shows as much as 25, a little more than 6 and 10 % more than 1.5."""
 
 BYTES_EACH = 4.0
-"""That a Gaussian takes at Q_g = 0, about."""
+"""Approximate bytes of a Gaussian at Q_g = 0."""
 
 OCTAVES_PER_QP = 0.1
 
@@ -71,7 +71,7 @@ class _Block:
     Attributes:
         gaussians: (n,).
         coder: rounds them.
-        remover: ranks them; None where nobody knows what people see of them, or time was up.
+        remover: ranks them; None without known viewpoints, or after the time limit.
     """
 
     gaussians: Gaussians
@@ -80,7 +80,7 @@ class _Block:
 
 
 class PruningEncoder(Coder):
-    """Codes one set of Gaussians at any Q_g without those that are not worth their bytes at it.
+    """Codes a list at any Q_g, without the Gaussians that are not worth their bytes there.
 
     A large list is ranked block by block, and what a Gaussian is worth is the same in all of them.
 
@@ -94,8 +94,8 @@ class PruningEncoder(Coder):
         Args:
             job: a list, and how it is coded; errors as those of `ListEncoder`.
             views: where they are looked at from.
-            seconds: after which no more is looked for that could go.
-            together: Gaussians that are ranked together, at most.
+            seconds: time limit; Gaussians not examined by then are kept.
+            together: most Gaussians that are ranked together.
         """
         self.profile, self._job, self._views = job.profile, job, views
         until = time.monotonic() + seconds
@@ -157,7 +157,7 @@ class PruningEncoder(Coder):
         return coder.code(qp, self._terms.steps)
 
     def _pruned(self, qp: float) -> tuple[list[Pruned], list[float]]:
-        """What is left at Q_g of each block, and what SH coefficients cost."""
+        """What is left of each block at Q_g, and the cost of SH coefficients."""
         ranked = [block for block in self._blocks if block.remover is not None]
         error, count, squares = 0.0, 0, np.zeros(ranked[0].gaussians.sh.shape[1] if ranked else 1)
         for number in evenly(len(ranked), MOST_BLOCKS):

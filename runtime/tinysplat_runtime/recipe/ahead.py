@@ -1,7 +1,6 @@
-"""Which steps photos go through on their way to a file, and what each is likely to take against the others.
+"""The steps from photos to a file, each with its usual share of the time.
 
-Shares are those of default captures, percent of all (docs/lab/seconds.md); a run corrects them by what its own steps
-take.
+Shares are percentages measured on default captures (docs/lab/seconds.md); a run corrects them as its own steps end.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ LISTED: Steps = [
 ]
 
 SPARED: Steps = [("looking at views", 6), ("coding", 4), ("measuring", 2)]
-"""Those of coding a list that was pruned while it was trained."""
+"""Steps of coding a list that training has pruned."""
 
 AGREED: Steps = [("comparing neighbours", 3)]
 
 LOOKED, REFINED, TRAINED = 4.0, 4.0, 2.2
-"""Of looking at photos before refinement; of a step of it; of a step of training, times photos."""
+"""Shares of time: the first look at photos, a step of refinement, and a step of training times the photos."""
 
 REFINED_STEPS = 8
-"""Usual ones of a capture."""
+"""Usual steps of refining a capture."""
 
 COMPARED: Steps = [("comparing photos", 3)]
 
@@ -49,11 +48,11 @@ def ahead(
 
     Args:
         way: through the network.
-        request: see there.
-        photos: how many.
-        budget: of refinement or training; None for neither.
-        is_compared: whether those that the others contradict are looked for.
-        is_coded: whether a file of it is coded, and compared with photos.
+        request: what was asked for.
+        photos: their number.
+        budget: for refinement or training; None for neither.
+        is_compared: whether photos that the others contradict are looked for.
+        is_coded: whether a file is coded and compared with the photos.
     """
     rest = from_network(way, request, photos, budget, is_compared=is_compared, is_coded=is_coded)
     return [*CHECKS, *rest]
@@ -85,7 +84,7 @@ def coded(gaussians: Gaussians) -> Steps:
 
 
 def refined(budget: Refinement | None) -> Steps:
-    """Those of refinement; None for as much as is usual."""
+    """The steps of refinement; None for the usual budget."""
     steps = budget.steps if budget else None
     return [("looking at photos", LOOKED), ("refining", REFINED * (steps or REFINED_STEPS))]
 

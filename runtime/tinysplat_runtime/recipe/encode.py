@@ -23,24 +23,24 @@ from .request import CompressRequest, EncodeRequest
 from .stages import AT_ODDS, Pruning, Tools, code, code_photos, others, refine, sparse, strange
 
 LIST_QP = -6.0
-"""Q_g of a capture as one list, where nobody said: what is trained on photos is nearer to them than what `compress` is
-usually given, so that the same steps would cost more of it."""
+"""Default Q_g of a capture as one list: training brings it nearer to its photos than most inputs of `compress` are, so
+that the same steps would lose more."""
 
 LOOKS = 2
-"""At photos that the others contradict: two of one other scene may agree with each other until one is left out."""
+"""Passes that look for foreign photos: two of one other scene support each other until one is left out."""
 
 
 @dataclass(frozen=True)
 class Encoded:
-    """What came of a request.
+    """The result of a request.
 
     Attributes:
         data: the file's bytes.
-        gaussians: what was coded, where they were to be kept: of large photos they take gigabytes.
-        raw_bytes: of their arrays.
-        stats: what coding measured, the seconds of all steps among it.
+        gaussians: what was coded, if `keep` asked for it: those of large photos take gigabytes.
+        raw_bytes: size of their arrays.
+        stats: what coding measured, including the seconds of each step.
         refinement: what refinement did, if there was any.
-        scene: the photos as the network had them, where there were some.
+        scene: the photos as the network saw them, if there were any.
         doubts: what is likely wrong with the scene, a line each.
     """
 
@@ -54,7 +54,7 @@ class Encoded:
 
     @property
     def seconds(self) -> float:
-        """Of all steps."""
+        """Seconds of all steps."""
         return sum(self.stats.watch.seconds.values())
 
     @property
@@ -111,7 +111,7 @@ def listed(
 
 @dataclass(frozen=True)
 class _Made:
-    """What photos became before it is coded: Gaussians, and the request with the mode that was chosen."""
+    """Gaussians made of photos, before coding, and the request with the chosen mode."""
 
     gaussians: Gaussians
     request: EncodeRequest
@@ -121,7 +121,7 @@ class _Made:
 
 
 def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
-    """Gaussians of pixels, refined or not, or one list; `is_coded` where a file of them follows."""
+    """Gaussians per pixel, refined or not, or one list; `is_coded` if they are then coded to a file."""
     from .ahead import ahead, from_gaussians, from_network
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
     from .refinement import chosen
@@ -188,9 +188,7 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
 def _left(
     gaussians: Gaussians, scene: Scene, names: Sequence[str], tools: Tools, told: Told, stats: EncodeStats
 ) -> list[int]:
-    """The views that are not `stages.strange`, none of two photos that contradict each other; which are is said by the
-    names of views.
-    """
+    """Views to keep, those that are not `stages.strange`; names the others. None of two that contradict each other."""
     with stats.watch.stage("agree"):
         out = strange(gaussians, scene, tools, told)
     left = others(gaussians, out)
@@ -203,7 +201,7 @@ def _left(
 
 
 def _doubted(scene: Scene, told: Told) -> tuple[str, ...]:
-    """What is likely wrong with a scene, said too; nothing where nobody listens."""
+    """Find and report what is likely wrong with a scene; nothing if nobody listens."""
     from .doubts import doubts  # here, so that who codes Gaussians loads no layouts of photos
 
     doubted = doubts(scene, told) if told.listens else []
@@ -213,13 +211,13 @@ def _doubted(scene: Scene, told: Told) -> tuple[str, ...]:
 
 
 def _way(request: EncodeRequest, scene: Scene, tools: Tools) -> Way:
-    """Through the network that was asked for."""
+    """The way through the requested network."""
     is_whole = request.mode == PHOTOS
     return Way.of(scene, request.model, tools.store, threads=tools.threads, whole=is_whole, joint=request.joint)
 
 
 def _predicted(request: EncodeRequest, scene: Scene, way: Way, told: Told, stats: EncodeStats) -> Gaussians:
-    """What a network makes of photos, with notes."""
+    """The Gaussians that a network predicts from photos, with notes."""
     told.say("step", "opening the network")
     gaussians = way.predicted(scene, stats.watch, told)
     return gaussians.with_notes(replace(gaussians.notes, **request.notes))
@@ -265,7 +263,7 @@ def compress(
 def encode_predicted(
     request: EncodeRequest, gaussians: Gaussians, tools: Tools, *, stats: EncodeStats | None = None
 ) -> bytes:
-    """The last step alone, of a scene that Gaussians were predicted of as it stands; see `encode`."""
+    """Code Gaussians that were predicted from a scene: the last step of `encode`."""
     from .prepare import named_scene
 
     return _coded(gaussians, request, named_scene(request), tools, stats or EncodeStats(), NOBODY)
@@ -274,7 +272,7 @@ def encode_predicted(
 def _coded(
     gaussians: Gaussians, request: EncodeRequest, scene: Scene, tools: Tools, stats: EncodeStats, told: Told
 ) -> bytes:
-    """The file of what a network made of a scene, or where that is asked for, of its photos."""
+    """Code the Gaussians of a scene, or its photos if the mode asks for them."""
     if request.mode != PHOTOS:
         is_list = request.mode == LIST
         coding = replace(request, qp=LIST_QP) if is_list and not request.rates else request

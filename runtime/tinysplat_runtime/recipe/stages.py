@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     from ..render.gradient import Target
 
 MEASURED_VIEWS, MOST_JUDGED = 8, 16
-"""Views that the error of Gaussians of no pixels is measured from, and of those with pixels at most."""
+"""Views in which the error of a list is measured; most views for Gaussians per pixel."""
 
 AT_ODDS = "the two photos contradict each other"
-"""Why they refine nothing."""
+"""Why two photos refine nothing."""
 
 Fidelity: TypeAlias = Callable[[bytes], float]
-"""dB of a file's pictures against those of the Gaussians that were given."""
+"""PSNR (dB) of a file's pictures against those of the original Gaussians."""
 
 
 class Tools(Protocol):
@@ -137,12 +137,12 @@ def sparse(
 
 @dataclass(frozen=True)
 class Pruning:
-    """How Gaussians of no pixels are left out.
+    """How a list is pruned.
 
     Attributes:
-        keep_all: all that show at all are kept, in place of those alone that are worth their bytes.
-        seconds: after which no more is looked for that could go.
-        is_done: training has left out what photos hardly need: what is left is only ranked, for prefixes of the file.
+        keep_all: keep every visible Gaussian, not only those worth their bytes.
+        seconds: time limit; Gaussians not examined by then are kept.
+        is_done: training has already pruned the list: only rank it, for prefixes of the file.
     """
 
     keep_all: bool = False
@@ -189,7 +189,7 @@ def code(
 
 
 def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is_measured: bool) -> bytes:
-    """The file of Gaussians of no pixels; `is_measured` fills the stats with its error in the views that were used."""
+    """Code a list; `is_measured` fills the stats with its error in the views that were used."""
     from ..codec.list.views import from_anywhere, some, views_of
     from ..codec.list.visible import visible
 
@@ -210,9 +210,7 @@ def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is
 
 
 def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
-    """A coder that prunes; if that is not wanted, one that keeps all, as it does with a warning without numba or known
-    viewpoints.
-    """
+    """A coder that prunes, or one that keeps all: if asked to, and with a warning without numba or known viewpoints."""
     from ..codec.modes.list import encoder
 
     if pruning.keep_all:
@@ -238,7 +236,7 @@ def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
 
 
 def _meeting(coder: Coder, coding: Coding, qp: float, fidelity: Callable[[], Fidelity]) -> bytes:
-    """The file that meets what is asked for, else that of a Q_g; dB are those of `fidelity`."""
+    """The file that meets the target size or PSNR (measured by `fidelity`); without a target, the file at Q_g."""
     if coding.target_size is not None:
         return code_to_size(coder, coding.target_size)
     if coding.target_psnr is not None:
@@ -264,7 +262,7 @@ def code_photos(
 
 
 def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:
-    """From the error over all views that cameras show of a list, as 3DGS defines drawing."""
+    """PSNR of the mean squared error of a list over all cameras, drawn as 3DGS defines it."""
     from ..codec.list.views import pictures_of
 
     wanted = pictures_of(job.gaussians.flat(), cameras, job.threads)

@@ -18,7 +18,7 @@ class Settings:
         pace: how far a step goes.
         functions: SH functions of every Gaussian: 1, 4 or 9.
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
-        exposure: least |log gain| of a photo's colour that is believed.
+        exposure: smallest |log gain| of a photo's colour that is believed.
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         detail, many: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels;
             of few photos, as if of `many`, by the fourth root of their number.

@@ -1,9 +1,9 @@
-"""Arrays of captures on disk, of which memory holds what is being worked on.
+"""Arrays of captures on disk; memory holds only the parts in use.
 
-What is known of a capture grows with its photos, and is gone through view by view. Such arrays lie in files without
-names, mapped into memory, and are used like any others: who makes one says so, and nobody else has to know. Memory
-gets as much of them as is touched; while that is more than `HELD_BYTES`, a thread lets go of all of it, again and
-again, and what is touched next comes back from the system's cache of files, which takes no memory that others need.
+The arrays of a capture grow with its photos, and are processed view by view. They are unnamed files mapped into memory,
+and code uses them like any other array. Only pages that are touched take memory. When these exceed `HELD_BYTES`, a
+thread releases all of them; what is touched next comes back from the system's file cache, which yields its memory
+whenever others need it.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 TOGETHER = 6
-"""Arrays of up to so many views are worked on as a whole, and stay in memory."""
+"""Arrays of this many views or fewer stay in memory."""
 
 LEAST_BYTES = 1 << 22
-"""Smaller arrays stay there too."""
+"""Smaller arrays stay in memory too."""
 
 HELD_BYTES = 150_000_000
-"""Memory that these arrays hold, and for a moment more: what is worked on together, unless it is large."""
+"""Memory that these arrays hold at most, except briefly; enough for what is worked on together, unless it is large."""
 
 LASTING = Path("/var/tmp")
-"""Where Linux has large files that nobody keeps: often `/tmp` is memory itself."""
+"""Where Linux keeps large temporary files: `/tmp` is often in memory itself."""
 
 MOUNTS, MEMORY = Path("/proc/self/mountinfo"), Path("/proc/self/statm")
 
@@ -41,13 +41,11 @@ WATCHER = "arrays on disk"
 """Name of the thread."""
 
 _EVERY_S = 0.02
-"""Between two looks at what is held: in so long a few cores touch some ten megabytes."""
+"""Interval between checks, in which a few cores touch some ten megabytes."""
 
 
 def zeros(shape: tuple[int, ...], dtype: DTypeLike = np.float32, views: int | None = None) -> NDArray:
-    """Zeros: of many views, which the first axis counts where nobody says how many, on disk where there is room, else
-    in memory.
-    """
+    """Zeros, on disk if they are of many views and there is room, else in memory; `views` defaults to `shape[0]`."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if (shape[0] if views is None else views) <= TOGETHER or size < LEAST_BYTES or not _is_possible():
         return np.zeros(shape, dtype)
@@ -62,7 +60,7 @@ def zeros(shape: tuple[int, ...], dtype: DTypeLike = np.float32, views: int | No
 
 
 class _Held:
-    """Mappings, and the thread that lets go of them; it lives as long as there are some."""
+    """Mappings, and the thread that releases their pages; it runs as long as there are mappings."""
 
     def __init__(self) -> None:
         self._mappings = weakref.WeakSet[mmap.mmap]()
@@ -70,7 +68,7 @@ class _Held:
         self._watcher: threading.Thread | None = None
 
     def let_go(self) -> None:
-        """Of all that memory holds of them; what is touched next comes back."""
+        """Release all their pages; what is touched next comes back."""
         with self._lock:
             live = list(self._mappings)
         for mapping in live:
@@ -100,9 +98,7 @@ _HELD = _Held()
 
 
 def let_go() -> None:
-    """Give memory back after a part of the work: what holds such arrays, until they are touched again, and what others
-    left behind, of which the C library keeps pieces.
-    """
+    """Give memory back after a part of the work: pages of these arrays, and what the C library keeps after frees."""
     _HELD.let_go()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None  # glibc's alone
     if trim is not None:
@@ -110,12 +106,12 @@ def let_go() -> None:
 
 
 def _mapped_bytes(status: FileIO) -> int:
-    """Memory of this process that holds files."""
+    """Resident memory of this process that maps files."""
     return int(os.pread(status.fileno(), 100, 0).split()[2]) * mmap.PAGESIZE
 
 
 def room() -> int:
-    """Bytes that there are for such arrays."""
+    """Bytes free for such arrays."""
     if not _is_possible():
         return 0
     try:
@@ -126,14 +122,14 @@ def room() -> int:
 
 
 def _is_possible() -> bool:
-    """Elsewhere nothing reserves a file's bytes, and a full disk would end the process; nor do files in memory help."""
+    """Where bytes can be reserved, as writing to a full disk would end the process, and files do not lie in memory."""
     is_linux = hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED") and MEMORY.exists()
     return is_linux and not _is_memory(_folder())
 
 
 @lru_cache
 def _is_memory(folder: str) -> bool:
-    """Whether a folder's files lie in memory, as far as Linux tells."""
+    """Whether a folder's files lie in memory, as far as Linux knows."""
     try:
         mounts = [line.split() for line in MOUNTS.read_text("utf-8", "replace").splitlines()]
     except OSError:

@@ -1,6 +1,6 @@
-"""Who is told what long work does: what it found, what it doubts, how far it is.
+"""Messages and progress of long work.
 
-Steps say it to a `Told`, and each door has its own: a command prints, Python warns, a batch keeps a record.
+Steps report to a `Told`, of which each caller has its own: a command prints, Python warns, a batch keeps a record.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from ..errors import SceneWarning, warn
 T = TypeVar("T")
 
 Kind = Literal["step", "notice", "doubt", "done"]
-"""What now begins, what was found or chosen unasked, what is likely wrong with what was given, and what was done."""
+"""What begins, what was found or chosen by default, what is likely wrong with the input, and what was done."""
 
 
 class Told:
-    """Nobody; who listens overrides `say`, `plan` and `progress`.
+    """Ignores everything; subclasses override `say`, `plan` and `progress`.
 
     Attributes:
         listens: whether doubts are worth looking for.
@@ -32,9 +32,7 @@ class Told:
         """A line about `where`, a scene or a file."""
 
     def plan(self, stages: Iterable[tuple[str, float]]) -> None:
-        """What is going to be done from here on: labels of steps, in order, and what each is likely to take against the
-        others, so that seconds left can be told of all of them together.
-        """
+        """The steps from here on, as (label, usual share of the time), from which the seconds left are estimated."""
 
     def progress(
         self,
@@ -45,21 +43,21 @@ class Told:
         costs: Sequence[float] | None = None,
         size_of: Callable[[T], int] | None = None,
     ) -> Iterator[T]:
-        """Passes the items of a step on.
+        """Yield the items of a step, reporting each.
 
         Args:
-            label: the step.
+            label: name of the step.
             items: what it works through.
-            note: says how things stand.
-            total: how many there are; None for as many as `items` has, where it knows.
-            costs: what each takes against the others, where they are not alike.
-            size_of: how many an item counts for, such as the photos of a part of them; None for one.
+            note: returns a note on the current state.
+            total: number of items; None for the length of `items`, if it has one.
+            costs: relative cost of each item, if they differ.
+            size_of: how many an item counts for, such as the photos in a group; None for one.
         """
         return iter(items)
 
     @contextmanager
     def counting(self, label: str, total: int) -> Iterator[Callable[[], object]]:
-        """For a step that is not a loop: what to call, from any thread, whenever another of its items is done."""
+        """For a step that is not a loop: a function to call, from any thread, each time an item is done."""
         counted, lock = iter(self.progress(label, range(total))), Lock()
         next(counted, None)  # the first begins
 
@@ -74,7 +72,7 @@ class Told:
                 pass
 
     def counted(self, label: str, run_jobs: Callable[..., Any]) -> Callable[..., Any]:
-        """`run_jobs`, which maps a function over a list on any number of threads, and tells of each item."""
+        """`run_jobs`, which maps a function over a list on any number of threads, made to report each item."""
 
         def run(job: Callable[[Any], Any], items: Iterable[Any]) -> Any:
             every = list(items)
