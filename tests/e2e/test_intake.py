@@ -74,14 +74,14 @@ def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
     assert 2.5 < near < 4 < 5 < far < 9  # calibrated by itself
 
 
-@pytest.mark.parametrize("says", ["focal length", "of 35 mm", "digital zoom"])
+@pytest.mark.parametrize("says", ["focal length", "of 35 mm", "digital zoom", "nothing"])
 def test_photos_of_two_lenses_have_two_cameras(tmp_path: Path, says: str) -> None:
     focals = (FOCAL, 1.6 * FOCAL)
     cameras = write_photos_of_walls(tmp_path / "photos", views=8, focals=focals)
     for i in range(8):
         exif, zoom = Image.Exif(), focals[i % 2] / FOCAL
         exif.get_ifd(0x8769).update({"focal length": {0x920A: 5.7 * zoom}, "of 35 mm": {0xA405: round(34 * zoom)},
-                              "digital zoom": {0x920A: 5.7, 0xA404: zoom}}[says])  # fmt: skip
+                              "digital zoom": {0x920A: 5.7, 0xA404: zoom}, "nothing": {}}[says])  # fmt: skip
         Image.open(tmp_path / f"photos/{i}.png").save(tmp_path / f"photos/{i}.jpg", quality=95, exif=exif)
         (tmp_path / f"photos/{i}.png").unlink()
     done = tinysplat("poses", tmp_path / "photos", "-o", tmp_path / "scene")

@@ -138,9 +138,16 @@ def run(args: Namespace) -> None:
                 names = _copied(source, found, photos, voice)
                 masks = _masks(source, names, photos) or _still(source, list(names), photos)
                 lenses = {copy: taken_with(source / name) for copy, name in names.items()}
+                if not any(said for lens in lenses.values() for said in lens):
+                    lenses = {}
                 if (count := len(set(lenses.values()))) > 1:
                     voice.say("notice", f"{count} lenses or zooms, as Exif says: each has a camera of its own", source)
                 placement = place(photos, list(names), Path(work), args.threads or -1, lenses=lenses, told=voice)
+                model = placement.model
+                used = {image.camera_id for image in model.images.values() if image.has_pose}
+                sizes = {(camera.width, camera.height) for camera in map(model.cameras.__getitem__, used)}
+                if not lenses and len(used) > len(sizes):
+                    _say(source, f"{len(used)} lenses or zooms, as the photos fit: each has a camera of its own")
             _check_placement(placement)
             if not (is_video or is_panorama):
                 _check_enough(names, placement)
@@ -271,7 +278,8 @@ def _of_video(
         elif masks:
             masks, _ = still_masks(photos, list(names.values()), photos.with_name(MASKS))
         try:
-            placement = place(photos, list(names.values()), photos.parent, args.threads or -1, told=voice)
+            frames = dict.fromkeys(names.values())  # of one lens
+            placement = place(photos, list(frames), photos.parent, args.threads or -1, lenses=frames, told=voice)
         except NonePlacedError:
             placement = None
         right = placement.right if placement else frozenset()

@@ -22,6 +22,7 @@ from tinysplat_runtime.scene.lenses import load_pycolmap
 from tinysplat_runtime.system.told import NOBODY, Told
 
 from .judging import Placement, judged
+from .lensing import focal_lengths, lenses_of, with_cameras
 from .pairs import ALIKE, MORE_ALIKE, pairs_of_many, pairs_of_rig, shared_features
 
 MASKS = "masks"
@@ -43,6 +44,7 @@ _PHOTOS_AT_ONCE, _PAIRS_AT_ONCE = 8, 64  # that COLMAP is given, which does not 
 _MATCHING, _CAREFULLY = "matching pairs of photos", "matching pairs of photos more carefully"
 _PAIRS_A_PHOTO = 9  # of many photos, about
 _NONE_PLACED = "no photos could be placed: they need texture, overlap, and to be taken from different places"
+_BETTER = 0.95  # of the error of one camera's model, that of several may have at most
 _SEED = 0  # of RANSAC: the same photos give the same poses
 _GROWTH = 1.4  # of many photos and points between two adjustments of all; 1.1, COLMAP's, takes half as long again
 _FEWER_MATCHES = 20  # with points that suffice for a place on second thoughts, of COLMAP's 30
@@ -74,6 +76,7 @@ def place(
         rig: of photos `CAMERA/NAME`, those of one NAME were taken at one place: (3, 3) turns by CAMERA, from the axes
             of the first, which is level, to its own; all are square and see 90°.
         lenses: what tells photos of one lens and zoom from others', by name; those of one value have one camera.
+            Without any, few photos are asked whether one lens fits them.
         threads: of COLMAP, for features and matches; -1 for all cores. Places do not depend on them.
         told: is told how far it is.
 
@@ -101,6 +104,9 @@ def place(
     pairs = every or pairs_of_many(shared, ALIKE)
     _match(names, pairs, database, threads, off=off, told=told)
     found = judged(_mapped(photos, database, len(names), off=off, told=told), database, off)
+    if found and are_few and not lenses and len(found.model.cameras) == 1:
+        told.plan(steps[-2:])
+        database, found = _by_lenses(photos, names, database, found, off, told)
 
     def is_whole(one: Placement | None) -> bool:
         return one is not None and len(one.right) == len(names) and (are_few or not one.uncertain)
@@ -125,6 +131,23 @@ def place(
     if found is None:
         raise NonePlacedError(_NONE_PLACED)
     return found
+
+
+def _by_lenses(
+    photos: Path, names: Sequence[str], database: Path, found: Placement, off: float, told: Told
+) -> tuple[Path, Placement]:
+    """The database and what was found in it, or with a camera for each of several lenses that the photos tell."""
+    apart = with_cameras(database, {name: i for i, name in enumerate(names)})
+    models = _mapped(photos, apart, len(names), off=off, told=told)
+    focals = focal_lengths(max(models, key=lambda one: one.num_reg_images())) if models else {}
+    if not (lenses := lenses_of(focals)):
+        return database, found
+    database_of_lenses = with_cameras(database, lenses)
+    again = judged(_mapped(photos, database_of_lenses, len(names), off=off, told=told), database_of_lenses, off)
+    if again is None or len(again.right) < len(found.right):
+        return database, found
+    one, several = (each.model.compute_mean_reprojection_error() for each in (found, again))
+    return (database_of_lenses, again) if several < _BETTER * one else (database, found)
 
 
 def ahead(photos: int, pairs: int, pixels: int) -> list[tuple[str, float]]:
