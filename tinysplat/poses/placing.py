@@ -94,16 +94,14 @@ def place(
     _find_features(photos, names, database, threads, rig=rig, lenses=lenses, told=told)
     if rig:
         _match(names, pairs_of_rig(names, rig), database, threads, off=off, told=told)
-        found = judged(
-            _mapped(photos, database, len(names), off=off, is_rig=True, told=told), database, off, is_rig=True
-        )
+        found = _placed(photos, database, len(names), off=off, is_rig=True, told=told)
         if found is None:
             raise NonePlacedError(_NONE_PLACED)
         return found
     shared = np.zeros((0, 0)) if are_few else shared_features(names, database, told)
     pairs = every or pairs_of_many(shared, ALIKE)
     _match(names, pairs, database, threads, off=off, told=told)
-    found = judged(_mapped(photos, database, len(names), off=off, told=told), database, off)
+    found = _placed(photos, database, len(names), off=off, told=told)
     if found and are_few and not lenses and len(found.model.cameras) == 1:
         told.plan(steps[-2:])
         database, found = _by_lenses(photos, names, database, found, off, told)
@@ -115,8 +113,7 @@ def place(
         with pycolmap.Database.open(database) as opened:
             opened.clear_two_view_geometries()
         _match(names, pairs, database, threads, off=TOLERANCE, told=told)
-        loose = judged(_mapped(photos, database, len(names), off=TOLERANCE, told=told), database, TOLERANCE)
-        found = max((one for one in (loose, found) if one is not None), key=Placement.worth, default=None)
+        found = _better(_placed(photos, database, len(names), off=TOLERANCE, told=told), found)
     if len(names) <= MORE and not is_whole(found):
         with pycolmap.Database.open(database) as opened:
             opened.clear_matches()
@@ -124,10 +121,7 @@ def place(
         again_pairs = every or pairs_of_many(shared, MORE_ALIKE)
         told.plan([(_CAREFULLY, 1.5 * len(again_pairs) / len(pairs) * dict(steps)[_MATCHING]), *steps[-2:]])
         _match(names, again_pairs, database, threads, off=TOLERANCE, is_careful=True, told=told)
-        again = judged(
-            _mapped(photos, database, len(names), off=TOLERANCE, is_careful=True, told=told), database, TOLERANCE
-        )
-        found = max((one for one in (again, found) if one is not None), key=Placement.worth, default=None)
+        found = _better(_placed(photos, database, len(names), off=TOLERANCE, is_careful=True, told=told), found)
     if found is None:
         raise NonePlacedError(_NONE_PLACED)
     return found
@@ -143,7 +137,7 @@ def _by_lenses(
     if not (lenses := lenses_of(focals)):
         return database, found
     database_of_lenses = with_cameras(database, lenses)
-    again = judged(_mapped(photos, database_of_lenses, len(names), off=off, told=told), database_of_lenses, off)
+    again = _placed(photos, database_of_lenses, len(names), off=off, told=told)
     if again is None or len(again.right) < len(found.right):
         return database, found
     one, several = (each.model.compute_mean_reprojection_error() for each in (found, again))
@@ -255,6 +249,19 @@ def _by_parts(items: Sequence[T], size: int, label: str, told: Told) -> Iterator
     """Parts of so many items; tells how many of them all are done."""
     parts = [items[start : start + size] for start in range(0, len(items), size)]
     return told.progress(label, parts, total=len(items), size_of=len)
+
+
+def _placed(
+    photos: Path, database: Path, count: int, *, off: float, is_careful: bool = False, is_rig: bool = False, told: Told
+) -> Placement | None:
+    """The largest of the models that `_mapped` gives, judged; None where there is none."""
+    models = _mapped(photos, database, count, off=off, is_careful=is_careful, is_rig=is_rig, told=told)
+    return judged(models, database, off, is_rig=is_rig)
+
+
+def _better(one: Placement | None, other: Placement | None) -> Placement | None:
+    """The one of more worth; the first where both are worth the same."""
+    return max((each for each in (one, other) if each is not None), key=Placement.worth, default=None)
 
 
 def _mapped(
