@@ -21,12 +21,15 @@ from tinysplat_runtime.scene.images import read_image
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two views in `g.tsplat` and `g.npz`, Gaussians of no views in `free.ply`, five cameras in `cameras.json`."""
+    """Two views in `g.tsplat` and `g.npz`, Gaussians of no views in `far/free.ply` and beside five cameras."""
     path = tmp_path_factory.mktemp("render")
     g = make_smooth_gaussians(2, 16, 24, degree=0)
     ts.save_gaussians(path / "g.npz", g)
     (path / "g.tsplat").write_bytes(ts.compress(g))
-    ts.save_gaussians(path / "free.ply", make_list(40, 0, np.random.default_rng(1)))
+    free = make_list(40, 0, np.random.default_rng(1))
+    (path / "far").mkdir()
+    for name in ("free.ply", "far/free.ply"):  # the first beside cameras
+        ts.save_gaussians(path / name, free)
     (path / "cameras.json").write_text(json.dumps(scene_document(make_cameras(5, 16, 24))))
     return path
 
@@ -83,7 +86,7 @@ def test_a_video_has_the_frames_asked_for_and_of_more_views_more(folder: Path, t
         ("g.npz -o o.png --camera a:b", "--camera"),
         ("g.npz -o o.png --camera cameras.json:5", "--camera"),
         ("g.npz -o o.mp4 --camera 1", "--camera"),
-        ("free.ply -o o.mp4 --path between", "--path"),
+        ("far/free.ply -o o.mp4 --path between", "--path"),
         ("g.npz -o o.png --panorama --size 64x48", "--size"),
         ("g.npz -o o.mp4 --panorama", "--panorama .png"),
         ("g.npz -o o.png --background greenish", "--background 'greenish' #rrggbb"),
@@ -120,10 +123,17 @@ def test_a_360_picture_has_what_lies_ahead_in_its_middle(folder: Path, tmp_path:
 
 
 def test_gaussians_of_no_views_are_seen_from_outside(folder: Path, tmp_path: Path) -> None:
-    console.succeed("render", folder / "free.ply", "-o", tmp_path / "o.png", "--size", "80x60")
-    free = ts.load_gaussians(folder / "free.ply")
+    free = ts.load_gaussians(folder / "far/free.ply")
     wanted = ts.render(free, outside(free), (60, 80))
+    console.succeed("render", folder / "far/free.ply", "-o", tmp_path / "o.png", "--size", "80x60")
     assert np.abs(read_image(tmp_path / "o.png") / 255 - wanted).max() < 0.51 / 255 + 1e-5 and wanted.max() > 0.3
+
+
+def test_a_list_is_seen_from_where_its_photos_were_taken(folder: Path, tmp_path: Path) -> None:
+    free, cameras = ts.load_gaussians(folder / "free.ply"), make_cameras(5, 16, 24)
+    console.succeed("render", folder / "free.ply", "-o", tmp_path / "o.png", "--camera", "3")
+    assert np.abs(read_image(tmp_path / "o.png") / 255 - ts.render(free, cameras[3])).max() < 0.51 / 255 + 1e-5
+    console.succeed("render", folder / "free.ply", "-o", tmp_path / "o.mp4", "--path", "between")
 
 
 @pytest.mark.parametrize("scale", [1000, 7])

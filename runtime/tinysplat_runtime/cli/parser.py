@@ -174,7 +174,9 @@ def _render(commands: Commands) -> None:
     parser.add_argument("-o", "--output", type=Output, required=True, metavar="OUT", help=".png or .mp4")
     _written(parser)
     _quiet(parser)
-    parser.add_argument("--camera", type=Input, metavar="INDEX", help="a view of the file, or cameras.json:INDEX; 0")
+    parser.add_argument(
+        "--camera", type=Input, metavar="INDEX", help="a view or photo of the file, or cameras.json:INDEX; 0"
+    )
     parser.add_argument("--path", choices=("between", "orbit"), help="of a video; default between")
     parser.add_argument("--story", type=Input, metavar="FILE", help="a video along the views of a page's story")
     frames = "of a video; 60, of a capture 8 a view, of a story 30 a second"

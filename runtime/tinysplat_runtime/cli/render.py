@@ -137,13 +137,13 @@ def depth_map(output: str, depth: NDArray, scale: float) -> NDArray:
 
 
 def _chosen_camera(text: str | None, gaussians: Gaussians) -> Camera:
-    """`INDEX` of the file's own views, or `cameras.json:INDEX`."""
+    """`INDEX` of the file's own views or photos, or `cameras.json:INDEX`."""
     source, _, index_text = (text or "0").rpartition(":")
     try:
         index = int(index_text)
     except ValueError:
         raise InputError(f"'{text}', expected INDEX or cameras.json:INDEX", where="--camera") from None
-    cameras = _load_cameras(source) if source else gaussians.cameras or (outside(gaussians),)
+    cameras = _load_cameras(source) if source else gaussians.cameras or gaussians.viewpoints or (outside(gaussians),)
     if not 0 <= index < len(cameras):
         raise InputError(f"{index}, accepted are 0 to {len(cameras) - 1}", where="--camera")
     return cameras[index]
@@ -158,7 +158,7 @@ def _load_cameras(source: str) -> Sequence[Camera]:
 def _camera_path(
     gaussians: Gaussians, file: str, camera: str | None, path: str | None, frames: int | None
 ) -> list[Camera]:
-    """Along the file's own views or those of `--camera`; around Gaussians without views, framed as `view` does it."""
+    """Along the file's views or photos, or those of `--camera`; around Gaussians of neither, as `view` frames them."""
     cameras = _cameras(gaussians, camera)
     if not cameras and path == "between":
         raise InputError(
@@ -178,7 +178,7 @@ def _story_path(
     from ..page.story import load_story
 
     story = load_story(file)
-    taken = _cameras(gaussians, camera) or gaussians.viewpoints or (front_of(gaussians),)
+    taken = _cameras(gaussians, camera) or (front_of(gaussians),)
     views = story.cameras(taken, size)
     with within(file):
         story.check_scene(gaussians.flat().means + gaussians.origin, taken[0].centre)
@@ -194,7 +194,7 @@ def _cameras(gaussians: Gaussians, camera: str | None) -> tuple[Camera, ...]:
     source = (camera or "").rpartition(":")[0]
     if camera and not source:
         raise InputError("a video takes all views, those of --camera cameras.json:INDEX", where="--camera")
-    return tuple(_load_cameras(source)) if source else gaussians.cameras
+    return tuple(_load_cameras(source)) if source else gaussians.cameras or gaussians.viewpoints
 
 
 def _median_depth(gaussians: Gaussians, camera: Camera) -> float:

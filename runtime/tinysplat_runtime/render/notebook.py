@@ -14,10 +14,11 @@ LONGEST_SIDE = 384
 
 
 def png(gaussians: Gaussians) -> bytes | None:
-    """The first view as a PNG file's bytes; None for Gaussians without cameras."""
-    if not gaussians.cameras:
+    """The first view or photo as a PNG file's bytes; None for Gaussians without cameras."""
+    cameras = gaussians.cameras or gaussians.viewpoints
+    if not cameras:
         return None
-    camera = gaussians.cameras[0]
+    camera = cameras[0]
     scale = min(LONGEST_SIDE / max(camera.width, camera.height), 1.0)
     size = max(round(camera.height * scale), 1), max(round(camera.width * scale), 1)
     return png_bytes(render(gaussians, camera, size))
