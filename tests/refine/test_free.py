@@ -11,6 +11,7 @@ from scenes import make_cameras, make_list
 
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import normalize_quats
+from tinysplat_runtime.refine.descent import Descent, Pace
 from tinysplat_runtime.refine.free import FreeGaussians
 from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, TURN
 from tinysplat_runtime.render.gradient import Target
@@ -76,3 +77,19 @@ def test_free_gaussians_are_what_they_were_until_they_move_and_lose_only_what_is
     kept = free.kept(np.arange(30) % 3 == 0)
     assert kept.count == 10
     np.testing.assert_allclose(kept.gaussians().means, start.means[::3] + np.array([0.5, 0, 0]), atol=1e-6)
+
+
+def test_a_step_without_some_gaussians_corrects_the_others_as_if_these_were_as_opaque_on_the_mean():
+    start = replace(before_a_camera(1.0), opacities=np.full(30, 0.25))
+    photo = np.random.default_rng(6).uniform(size=(16, 18, 3)).astype(np.float32)
+    target = Target(make_cameras(1, 16, 18)[0], photo)
+    pace, absent = Pace(move=0.1, logit=0.0), np.arange(30) % 2 == 0
+    found = Descent(FreeGaussians(start, np.ones(30, np.float32), Crew(2).map), pace, Crew(2).map)
+    twice = start.taken(~absent).changed(opacities=np.full(15, 0.5, np.float32))
+    others = Descent(FreeGaussians(twice, np.ones(15, np.float32), Crew(2).map), pace, Crew(2).map)
+    error, wanted = found.step(target, 0.0, absent=absent), others.step(target, 0.0)
+    assert error.psnr == pytest.approx(wanted.psnr, abs=1e-3)
+    left = found.field.gaussians()
+    np.testing.assert_array_equal(left.means[absent], start.means.astype(np.float32)[absent])
+    np.testing.assert_allclose(left.means[~absent], others.field.gaussians().means, atol=1e-4)
+    np.testing.assert_allclose(left.opacities, 0.25, rtol=1e-5)

@@ -79,10 +79,20 @@ class Descent:
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
         self._begin(field)
 
-    def step(self, target: Target, way: float, *, weight: float = 1.0, structure: float = 0.0) -> PhotoError:
-        """Towards one picture, at a share of the way; what it lacked before. The rest as `FreeGaussians.measure`."""
+    def step(
+        self, target: Target, way: float, *, weight: float = 1.0, structure: float = 0.0, absent: NDArray | None = None
+    ) -> PhotoError:
+        """Towards one picture, at a share of the way; what it lacked before. The rest as `FreeGaussians.measure`.
+
+        Gaussians of a mask `absent` (N,) bool are not drawn, and the others are more opaque for it.
+        """
         self.gradient[:] = 0
+        logits = self.field.values[LOGIT].copy()
+        if absent is not None:
+            self.field.values[LOGIT, : absent.size] = _without(logits[: absent.size], absent)
+            self.field.place()
         error = self.field.measure(target, gradient=self.gradient, weight=weight, structure=structure)
+        self.field.values[LOGIT] = logits
         self.count += 1
         pace, count, functions = self._pace, float(self.count), self.field.functions
         sizes, limits = pace.step_sizes(way, functions), [*self._limits, *[COLOURS] * 3 * functions]
@@ -113,6 +123,14 @@ class Descent:
         self.field = field
         self.means = np.zeros((2, *field.values.shape), np.float32)
         self.gradient = np.zeros_like(field.values)
+
+
+def _without(logits: NDArray, absent: NDArray) -> NDArray:
+    """(N,) logits of opacity with those of a mask gone, and the others' opacities as large on the mean."""
+    least, most = LIMITS[LOGIT]
+    opacities = 1 / (1 + np.exp(-logits)) / max(1 - absent.mean(), 1e-6)
+    seen_through = np.maximum(1 - opacities, np.exp(-most))
+    return np.where(absent, least, np.minimum(np.log(opacities / seen_through), most))
 
 
 def units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:

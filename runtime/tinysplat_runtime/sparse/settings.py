@@ -19,9 +19,14 @@ class Settings:
         functions: SH functions of every Gaussian: 1, 4 or 9.
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         exposure: smallest |log gain| of a photo's colour that is believed.
+        alone, most_absent: how far the share of pixels that show what no other photo shows finer surpasses `alone` is
+            the share of the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at
+            the end, `most_absent` at most. So none relies on others to correct it where few photos would tell
+            (DropGaussian, arXiv 2504.00773).
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
-        detail, many: how many Gaussians there may be, over the sum of the root of contrast over the surface's pixels;
-            of few photos, as if of `many`, by the fourth root of their number.
+        detail, overlap: how many Gaussians there may be, over the sum of the root of contrast over the surface's
+            pixels where `overlap` photos show each; of more photos or fewer, as the root of their number, as more of
+            them tell finer detail, and few are soon overfitted.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.
@@ -41,11 +46,13 @@ class Settings:
     pace: Pace = PACE
     functions: int = 4
     structure: float = 0.2
-    exposure: float = 0.05
+    exposure: float = 0.02
+    alone: float = 0.4
+    most_absent: float = 0.3
     quarter: float = 0.25
     half: float = 0.4
     detail: float = 0.8
-    many: int = 24
+    overlap: float = 4.0
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10

@@ -6,6 +6,7 @@ many where it has texture. `gaussian/thin.py` says which of several photos shows
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
 from ..gaussian.thin import opacities_kept
-from . import FEW_PHOTOS, LEAST_GAUSSIANS, MOST_GAUSSIANS
+from . import LEAST_GAUSSIANS, MOST_GAUSSIANS
 from .contrast import contrast
 from .settings import Settings
 
@@ -24,6 +25,9 @@ COARSE_SIZE = 1.7
 
 LARGEST = 8.0
 """Own pixels: no Gaussian begins larger."""
+
+MOST_DETAIL = 2.0
+"""Times as many Gaussians as where `Settings.overlap` photos show each surface, at most, however many show it."""
 
 _ROUNDS = 20
 
@@ -37,12 +41,14 @@ class Surface:
         weights: by layer, (V, H, W) float32, in proportion to which pixels are drawn.
         needed: how many Gaussians show it.
         texture: mean root of its contrast.
+        alone: share of the photos' pixels that show what no other photo shows finer: 1 where none overlap.
     """
 
     capture: Gaussians
     weights: list[NDArray]
     needed: int
     texture: float
+    alone: float
 
     @classmethod
     def of(cls, capture: Gaussians, photos: Sequence[NDArray], settings: Settings, run_jobs: Callable) -> Surface:
@@ -59,11 +65,11 @@ class Surface:
         if not any(weight.any() for weight in weights):
             weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
         roots = np.sqrt(contrasts[weights[0] > 0])
-        is_few = len(photos) <= FEW_PHOTOS  # and soon overfitted
-        share = settings.detail * ((len(photos) / settings.many) ** 0.25 if is_few else 1)
-        needed = round(share * finer * float(roots.sum(dtype=np.float64)))
+        alone = roots.size / weights[0].size
+        detail = settings.detail * min(1 / math.sqrt(settings.overlap * alone), MOST_DETAIL)
+        needed = round(detail * finer * float(roots.sum(dtype=np.float64)))
         needed = min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS)
-        return cls(capture, weights, needed, float(roots.mean()))
+        return cls(capture, weights, needed, float(roots.mean()), alone)
 
     def first(self, count: int, settings: Settings) -> Gaussians:
         """Gaussians (about `count`,) drawn from it, the more the more texture there is."""

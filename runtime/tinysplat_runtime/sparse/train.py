@@ -168,6 +168,7 @@ class _Training:
         fitting = max(round(budget.size / (KEPT * BYTES_EACH)), 1) if budget.size else surface.needed
         self._count = stats.asked = min(surface.needed, budget.gaussians or surface.needed, fitting)
         self.usual_steps = usual_steps(len(targets), surface.texture)
+        self._absent = float(np.clip(surface.alone - settings.alone, 0, settings.most_absent))
         begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
@@ -206,7 +207,10 @@ class _Training:
         # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it,
         # and would else fade
         target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
-        return self._descent.step(target, way, weight=smaller * smaller, structure=settings.structure).psnr
+        share = self._absent * way
+        absent = self._rng.random(self._descent.field.count) < share if share else None
+        weight = smaller * smaller
+        return self._descent.step(target, way, weight=weight, structure=settings.structure, absent=absent).psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
         """A photo as it would be with the scene's exposure."""
