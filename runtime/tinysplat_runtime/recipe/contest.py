@@ -23,24 +23,20 @@ from ..refine.exposed import log_gain
 from ..refine.free import FreeGaussians
 from ..render.gradient import MovableGaussians, PhotoError, Target
 from ..scene.scenes import Scene
+from ..sparse import BYTES_EACH
 from ..sparse.pictures import photos_of
 from ..sparse.settings import Budget
 from ..sparse.train import trained
 from ..system.evenly import evenly
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
+from .forecast import list_count
 from .prepare import expected_bytes
 from .request import EncodeRequest
 from .stages import Tools, refine
 
 HELD, STEPS = 3, 500
 """Photos that are held back; and steps of the list."""
-
-USUAL = 50_000
-"""Gaussians that a list is reckoned with where nobody said how many."""
-
-LIST_BYTES = 5.5
-"""Of a Gaussian that a list may have, at its usual Q_g: 220 to 280 KB of 50,000, for 24 photos."""
 
 SLACK, WORST_SLACK, ALIKE_SLACK = 0.0, 0.5, 0.003
 """dB, of all and of the worst photo, and SSIM by which a list may be below views: it takes a third of their bytes, and
@@ -84,7 +80,7 @@ class Contest:
 
     def text(self, scene: Scene, at_most: int | None) -> str:
         """What was found, of a scene whose list may have so many Gaussians, in a line."""
-        sizes = expected_bytes(scene) / 1000, LIST_BYTES * (at_most or USUAL) / 1000
+        sizes = expected_bytes(scene) / 1000, BYTES_EACH * list_count(scene, at_most) / 1000
         views, one = (
             f"{shown}, about {size:.0f} KB" for shown, size in zip((self.views, self.list), sizes, strict=True)
         )

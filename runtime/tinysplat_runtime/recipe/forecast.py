@@ -1,8 +1,8 @@
 """What a list is going to be and to take, before anything is made of photos, or left out of Gaussians.
 
-Figures of photos are fitted to 31 rows of `bench gate --mode list` (captures of 9 to 24 photos, windows of 3 to 6, all
-of 256×256): Gaussians lie within a factor of 2.2 of what photos alone tell, and bytes and CPU seconds, where Gaussians
-are known, within 1.25.
+Figures of photos are fitted to 34 rows of `bench gate --mode list` (captures of 9 to 24 photos, windows of 3 to 6, all
+of 256×256): Gaussians lie within a factor of 1.9 of what photos alone tell, bytes, where Gaussians are known, within
+1.25, and CPU seconds within 1.6.
 """
 
 from __future__ import annotations
@@ -24,11 +24,16 @@ MANY, PRUNE_SECONDS, KEEP_SECONDS = 100_000, 0.14, 0.025
 """Gaussians from which pruning takes long; CPU seconds of a thousand, pruned or all kept: docs/lab/list.md."""
 
 
+def list_count(scene: Scene, at_most: int | None = None, size: int | None = None) -> float:
+    """About how many Gaussians photos have as a list of at most so many Gaussians and bytes."""
+    count = len(scene.frames)
+    detail = count * float(np.mean([_detail(scene.frames[view]) for view in evenly(count, PHOTOS)]))
+    return float(min(0.09 * detail**1.1 * count**-0.36, at_most or np.inf, (size or np.inf) / BYTES_EACH))
+
+
 def list_forecast(scene: Scene, at_most: int | None, size: int | None) -> str:
     """A line about photos as a list of at most so many Gaussians and bytes has them: Gaussians, bytes, CPU seconds."""
-    count, camera = len(scene.frames), scene.cameras[0]
-    detail = count * float(np.mean([_detail(scene.frames[view]) for view in evenly(count, PHOTOS)]))
-    gaussians = min(9.1 * detail**0.6 * count**0.08, at_most or np.inf, (size or np.inf) / BYTES_EACH)
+    count, camera, gaussians = len(scene.frames), scene.cameras[0], list_count(scene, at_most, size)
     larger = max(camera.width * camera.height / 256**2, 0.5)  # steps of small photos cost what Gaussians do
     seconds = PHOTO_SECONDS * count * larger**SIZE + GAUSSIAN_SECONDS * gaussians
     made = f"about {_rounded(gaussians)} Gaussians and {_rounded(BYTES_EACH * gaussians / 1000)} KB"
