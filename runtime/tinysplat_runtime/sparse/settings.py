@@ -25,8 +25,8 @@ class Settings:
             (DropGaussian, arXiv 2504.00773).
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         detail, overlap: how many Gaussians there may be, over the sum of the root of contrast over the surface's
-            pixels where `overlap` photos show each; of more photos or fewer, as the root of their number, as more of
-            them tell finer detail, and few are soon overfitted.
+            pixels; more where more than `overlap` photos show each, by the root of how many, as they tell finer detail,
+            and by the same fewer where fewer do of few photos, which are soon overfitted.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
 from ..gaussian.thin import opacities_kept
-from . import LEAST_GAUSSIANS, MOST_GAUSSIANS
+from . import FEW_PHOTOS, LEAST_GAUSSIANS, MOST_GAUSSIANS
 from .contrast import contrast
 from .settings import Settings
 
@@ -65,9 +65,9 @@ class Surface:
         if not any(weight.any() for weight in weights):
             weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
         roots = np.sqrt(contrasts[weights[0] > 0])
-        alone = roots.size / weights[0].size
-        detail = settings.detail * min(1 / math.sqrt(settings.overlap * alone), MOST_DETAIL)
-        needed = round(detail * finer * float(roots.sum(dtype=np.float64)))
+        alone, least = roots.size / weights[0].size, 0 if len(photos) <= FEW_PHOTOS else 1
+        finer *= min(max(1 / math.sqrt(settings.overlap * alone), least), MOST_DETAIL)
+        needed = round(settings.detail * finer * float(roots.sum(dtype=np.float64)))
         needed = min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS)
         return cls(capture, weights, needed, float(roots.mean()), alone)
 
