@@ -1,8 +1,8 @@
 """What a list is going to be and to take, before anything is made of photos, or left out of Gaussians.
 
 Figures of photos are fitted to 34 rows of `bench gate --mode list` (captures of 9 to 24 photos, windows of 3 to 6, all
-of 256×256): Gaussians lie within a factor of 2 of what photos alone tell, but for one of 2.5; where they are known, bytes
-lie within 1.3, and CPU seconds within 1.6.
+of 256×256): Gaussians lie within a factor of 2 of what photos alone tell, but for one of 2.5; where they are known,
+bytes lie within 1.3, and CPU seconds within 1.6.
 """
 
 from __future__ import annotations
