@@ -16,6 +16,7 @@ from tinysplat_runtime.cli import main
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.forecast import list_forecast
+from tinysplat_runtime.recipe.refinement import usual
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.render import DEFINITION
 
@@ -227,3 +228,25 @@ def test_photos_with_one_of_another_scene_are_those_without_it(tmp_path: Path) -
     assert [*heard.steps, "comparing photos"] == heard.planned  # again, from what is left
     assert coded.data == encode(EncodeRequest(scene, views=kept), RUNTIME).data
     assert len(encode(EncodeRequest(scene, refine=False), RUNTIME).photos.cameras) == 5
+
+
+@pytest.mark.parametrize(
+    ("views", "side", "asked", "mode"),
+    [
+        (3, 328, {}, "list"),
+        (3, 320, {}, "gaussians"),
+        (2, 328, {}, "gaussians"),
+        (3, 328, {"target_size": 90_000}, "list"),
+        *[(3, 328, asked, "gaussians") for asked in ({"lossless": True}, {"refine": 3}, {"joint": False})],
+        *[(3, 328, asked, "gaussians") for asked in ({"model": "sweep"}, {"profile": "paper"}, {"mode": "gaussians"})],
+        (3, 328, {"mode": "auto"}, "auto"),
+    ],
+)
+def test_larger_photos_become_a_list_where_nobody_asks_for_what_planes_alone_have(
+    tmp_path: Path, views: int, side: int, asked: dict, mode: str
+) -> None:
+    pytest.importorskip("numba")
+    scene = ts.load_scene(write_scene(tmp_path / "scene", views=views, height=side, width=side + 8))
+    found = usual(EncodeRequest(scene, **asked), scene, heard := Heard())
+    assert found.mode == mode
+    assert ("--mode gaussians" in " ".join(heard.lines)) == (mode == "list")

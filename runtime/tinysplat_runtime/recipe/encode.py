@@ -124,9 +124,10 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     """Gaussians per pixel, refined or not, or one list; `is_coded` if they are then coded to a file."""
     from .ahead import ahead, from_gaussians, from_network
     from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
-    from .refinement import chosen
+    from .refinement import chosen, usual
 
     whole = scene = prepared(request, told)
+    request = usual(request, whole, told)
     if request.mode == LIST:
         from ..sparse.pictures import for_network
 

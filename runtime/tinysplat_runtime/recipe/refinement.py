@@ -7,13 +7,31 @@ from importlib.util import find_spec
 
 from ..codec.modes import DEFAULT_MODE, EITHER, LIST
 from ..errors import InputError
+from ..graphs import DEFAULT_MODEL
 from ..graphs.ways import LEAST_EACH, Way
 from ..render.near import FEW
 from ..scene.scenes import Scene
+from ..sparse import MOST_SIDE
 from ..system.told import Told
 from .memory import check_memory
 from .request import EncodeRequest
 from .words import Refinement
+
+
+def usual(request: EncodeRequest, photos: Scene, told: Told) -> EncodeRequest:
+    """The request with a mode: photos as people take them become a list, where it can be trained and nothing is asked
+    for that planes alone have. Of small ones not every list is as good as refined views (docs/MEASURING.md).
+    """
+    if request.mode is not None:
+        return request
+    is_plain = request.model == DEFAULT_MODEL and request.joint and request.refine is None and request.like is None
+    is_plain = is_plain and not request.lossless and request.profile != "paper"
+    camera = photos.cameras[0]
+    is_large = min(camera.width, camera.height) > MOST_SIDE and len(photos.frames) >= LEAST_EACH
+    if not (is_plain and is_large and find_spec("numba")):
+        return replace(request, mode=DEFAULT_MODE)
+    told.say("notice", f"as one trained list; --mode {DEFAULT_MODE} keeps a Gaussian for every pixel", photos.path)
+    return replace(request, mode=LIST)
 
 
 def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[EncodeRequest, Refinement | None]:
@@ -44,7 +62,7 @@ def chosen(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> tuple[
 
 def _steps(request: EncodeRequest, scene: Scene, way: Way, told: Told) -> Refinement | None:
     """Of views."""
-    asked, mode = request.refine, request.mode
+    asked, mode = request.refine, request.mode or DEFAULT_MODE
     is_usual = asked is None and len(scene.frames) >= LEAST_EACH and mode == DEFAULT_MODE and request.like is None
     if not is_usual:
         check_memory(scene, way, mode=mode, refined=bool(asked))

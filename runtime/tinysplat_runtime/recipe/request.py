@@ -170,7 +170,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
     refine: Refinement | int | str | None
     masks: str | bool | None
     joint: bool
-    mode: str
+    mode: str | None
     at_most: int | None
     poses: StrPath | None
     first_number: int
@@ -223,10 +223,10 @@ class EncodeRequest(Noted, Coding, Sparse):
         words.flag, True, group=VIDEO, off=False, help="", off_help="keep depths as the network finds them"
     )
     """Whether all photos of a capture agree on depth; see `Runtime.predict`."""
-    mode: str = option(
-        words.text, DEFAULT_MODE, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}"
+    mode: str | None = option(
+        words.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
     )
-    """`codec.modes` says what they are."""
+    """`codec.modes` says what they are; None as `recipe.refinement.usual` has it."""
     poses: StrPath | None = option(
         words.path,
         metavar="POSES",
@@ -270,7 +270,8 @@ class EncodeRequest(Noted, Coding, Sparse):
         if self.refine is not None and not self.refine and is_listed:
             raise InputError("no steps, of which few Gaussians that show all photos need some", where="refine")
         if not is_listed and self.at_most is not None:
-            raise InputError(f"with --mode {self.mode}, whose files have all of them; expected {LIST}", where="at_most")
+            given = f"with --mode {self.mode or DEFAULT_MODE}"
+            raise InputError(f"{given}, whose files have all of them; expected {LIST}", where="at_most")
 
 
 class CompressKeywords(CodingKeywords, NoteKeywords, total=False):

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..codec.decoder import decode_gaussians
 from ..codec.job import EncodeStats, Job, PhotoScene
+from ..codec.modes import PHOTOS
 from ..codec.modes.mode import find_mode
 from ..codec.recode import encode_like
 from ..codec.search import Coder, Once, code_to_psnr, code_to_size
@@ -257,8 +258,8 @@ def code_photos(
         stats: filled with what was measured, and the mode.
     """
     job = Job(gaussians, request.planes, request.step_qp, tools.store, tools.threads, stats, photos=photos)
-    stats.mode = request.mode
-    return find_mode(request.mode).encode(job)
+    stats.mode = PHOTOS
+    return find_mode(PHOTOS).encode(job)
 
 
 def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:

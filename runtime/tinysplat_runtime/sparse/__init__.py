@@ -3,6 +3,10 @@
 LEAST_GAUSSIANS, MOST_GAUSSIANS = 2_000, 500_000
 """How many a list begins with where nobody says: as many as its photos have detail (`start.Surface`), within these."""
 
+NETWORK_SIDE, MOST_SIDE = 256, 320
+"""Pixels of the shorter side of copies that a network makes a list's first Gaussians of, and how many photos have that
+are not made smaller: of about the size that it was trained at, it finds most, and a list needs few of their pixels."""
+
 KEPT, BYTES_EACH = 0.55, 12.5
 """Share of these that is left at the end, and bytes that a file takes for each, about."""
 

@@ -10,14 +10,10 @@ from ..render import Renderer
 from ..render.gradient import Target
 from ..scene.scenes import Scene
 from ..system.told import NOBODY, Told
+from . import MOST_SIDE, NETWORK_SIDE
 
 COVERED = 0.9
 """Pixels of a drawn picture that are less opaque say nothing."""
-
-
-NETWORK_SIDE, MOST_SIDE = 256, 320
-"""Pixels of the shorter side of copies that a network makes a list's first Gaussians of, and how many photos have that
-are not made smaller: of about the size that it was trained at, it finds most, and a list needs few of their pixels."""
 
 
 def for_network(scene: Scene) -> Scene:

@@ -1,11 +1,11 @@
 """What a file carries. A mode is a module here, with a value that knows how to encode and decode it.
 
-    gaussians   planes of the network's output; any receiver decodes it. The default.
+    gaussians   planes of the network's output; any receiver decodes it. The default of small photos, and of two.
     photos      the photos and the network's hash: a quarter to a half of the planes' bytes at equal Q_g, for receivers
                 that have the network.
     lossless    planes as float16, bit for bit.
-    list        a list of Gaussians: what `compress` makes of a trained or an edited scene, and `encode --mode list` of
-                a capture.
+    list        a list of Gaussians: what `compress` makes of a trained or an edited scene, and `encode` of a capture
+                of larger photos.
 
 docs/MODES.md has figures. Importing this package loads nothing, so that the command line can name modes.
 """
