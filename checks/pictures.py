@@ -55,7 +55,7 @@ PICTURES = {
         "mug/: the photos and masks that docs/pages/README.md names",
     ),
     "docs/pages/conch.html": MadePicture(
-        "tinysplat encode conch/ --views 0-15 -o whole.tsplat"
+        "tinysplat encode conch/ --views 0-15 --mode gaussians -o whole.tsplat"
         " && tinysplat compress whole.tsplat -o conch.tsplat --target-size 640KB"
         " && tinysplat view conch.tsplat --html docs/pages/conch.html --force",
         [*PAGE, "models/edge.onnx"],
@@ -66,14 +66,14 @@ PICTURES = {
         ["examples/demo.py", "models/edge.onnx"],
     ),
     "docs/pages/plush.html": MadePicture(
-        "tinysplat encode plush/ --views all -o whole.tsplat"
+        "tinysplat encode plush/ --views all --mode gaussians -o whole.tsplat"
         " && tinysplat compress whole.tsplat -o plush.tsplat --target-size 640KB"
         " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
         [*PAGE, "models/edge.onnx"],
         "plush/: the photos that docs/pages/README.md names",
     ),
     "docs/pages/drone.html": MadePicture(
-        "tinysplat encode drone/ --views 0-2,4-10,12-15 -o whole.tsplat"
+        "tinysplat encode drone/ --views 0-2,4-10,12-15 --mode gaussians -o whole.tsplat"
         " && tinysplat compress whole.tsplat -o drone.tsplat --target-size 640KB"
         " && tinysplat view drone.tsplat --html docs/pages/drone.html --force",
         [*PAGE, "models/edge.onnx"],
@@ -90,7 +90,7 @@ PICTURES = {
     "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
     "docs/steps.png": MadePicture(
         "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
-        ["benchmarks/reports/2026-11-28/steps.jsonl"],
+        ["benchmarks/reports/2026-11-29/steps.jsonl"],
         "SCENES: the six captures of docs/MEASURING.md",
     ),
 }
