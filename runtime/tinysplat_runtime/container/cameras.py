@@ -1,14 +1,16 @@
-"""Cameras of a file: the section CAMS, and the intrinsics of a layer's own grid. Layout: docs/FORMAT.md, `CAMS`."""
+"""Cameras of a file: the sections CAMS and STEP, and the intrinsics of a layer's own grid. Layout: docs/FORMAT.md."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, InputError
-from ..scene.cameras import MAX_IMAGE_SIDE, Camera
+from ..scene.cameras import MAX_IMAGE_SIDE, MAX_POSITION, Camera
+from ..scene.viewpoints import Viewpoint, steps
 from . import layout as L
 from .columns import packed_columns, read_columns
 from .sections import Cursor, NewSection, Section
@@ -18,6 +20,12 @@ COLUMNS = 19
 
 INTRINSICS = 5
 
+STEP_COLUMNS = 6
+"""A rotation vector in radians and a shift in scene units, both in the camera's axes."""
+
+MOST_TURN = 4.0
+"""Radians; more than half a turn about any axis."""
+
 
 def intrinsics(K: NDArray) -> tuple[float, ...]:
     """The numbers of K (3, 3) float64 in the order that files have them in."""
@@ -25,9 +33,13 @@ def intrinsics(K: NDArray) -> tuple[float, ...]:
 
 
 def camera_sections(cameras: Sequence[Camera]) -> list[NewSection]:
-    """The section of cameras, where there are any."""
+    """The sections of cameras, where there are any, and of their steps, where they have them."""
     rows = [(*intrinsics(c.K), c.width, c.height, *c.c2w[:3].ravel()) for c in cameras]
-    return [NewSection(L.CAMERAS, 0, packed_columns(np.array(rows, np.float64)))] if rows else []
+    sections = [NewSection(L.CAMERAS, 0, packed_columns(np.array(rows, np.float64)))] if rows else []
+    if any(isinstance(camera, Viewpoint) for camera in cameras):
+        columns = packed_columns(steps(cameras).reshape(-1, STEP_COLUMNS))
+        sections.append(NewSection(L.STEPS, 0, columns, is_required=False))
+    return sections
 
 
 def rounded_cameras(cameras: Sequence[Camera], origin: NDArray) -> tuple[Camera, ...]:
@@ -36,8 +48,25 @@ def rounded_cameras(cameras: Sequence[Camera], origin: NDArray) -> tuple[Camera,
     for camera in cameras:
         c2w = camera.c2w.astype(np.float32).astype(np.float64)
         c2w[:3, 3] = (camera.centre - origin).astype(np.float32) + origin
-        rounded.append(Camera(camera.K.astype(np.float32), c2w, camera.width, camera.height))
+        narrow = replace(camera, K=camera.K.astype(np.float32), c2w=c2w)
+        if isinstance(narrow, Viewpoint):
+            narrow = replace(narrow, turn=narrow.turn.astype(np.float32), shift=narrow.shift.astype(np.float32))
+        rounded.append(narrow)
     return tuple(rounded)
+
+
+def with_steps(cameras: Sequence[Camera], section: Section) -> tuple[Camera, ...]:
+    """Cameras with the steps of a section; FormatError naming section and view where they are none."""
+    cursor = Cursor(section)
+    numbers = read_columns(cursor, len(cameras), STEP_COLUMNS)
+    cursor.finish()
+    found = []
+    for view, (camera, step) in enumerate(zip(cameras, numbers, strict=True)):
+        turn, shift = step[:3], step[3:]
+        is_step = np.isfinite(step).all() and np.abs(turn).max() <= MOST_TURN and np.abs(shift).max() <= MAX_POSITION
+        cursor.require(bool(is_step), f"view {view}: a step of {step.tolist()}")
+        found.append(Viewpoint(camera.K, camera.c2w, camera.width, camera.height, turn, shift))
+    return tuple(found)
 
 
 def read_numbers(section: Section, count: int) -> NDArray:

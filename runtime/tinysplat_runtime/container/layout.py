@@ -27,6 +27,9 @@ REQUIRED = 1
 
 SCENE = b"SCEN"
 CAMERAS = b"CAMS"
+STEPS = b"STEP"
+"""From cameras as they were given to where they stand in the scene."""
+
 LAYER = b"LAYR"
 PARAMETER_SETS = b"HEVC"
 PICTURES = b"PICT"

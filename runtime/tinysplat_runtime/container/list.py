@@ -22,6 +22,7 @@ from ..gaussian.sh import MAX_SH_DEGREE
 from ..scene.cameras import Camera
 from . import layout as L
 from .body import Body, Description, Opened, check_totals
+from .cameras import with_steps
 from .records import ChannelRecord, Picture
 from .sections import Cursor, NewSection, require
 from .table import Row
@@ -172,25 +173,27 @@ class List(Body):
 
     Attributes:
         scene: metadata.
-        viewpoints: cameras of the photos that the Gaussians were made from, as far as they are known.
+        viewpoints: cameras of the photos that the Gaussians were made from, as far as they are known, with their steps.
     """
 
     mode: ClassVar[str] = "list"
     sign: ClassVar[bytes] = LIST
-    kinds: ClassVar[frozenset[bytes]] = frozenset({LIST, TIER, L.CAMERAS, L.PARAMETER_SETS})
+    kinds: ClassVar[frozenset[bytes]] = frozenset({LIST, TIER, L.CAMERAS, L.STEPS, L.PARAMETER_SETS})
 
     scene: ListScene
     viewpoints: tuple[Camera, ...] = ()
 
     @classmethod
     def read(cls, file: Opened) -> List:
-        """Parse and check the sections LIST, TIER and CAMS."""
+        """Parse and check the sections LIST, TIER, CAMS and STEP."""
         most = file.limits.max_layers
         require(1 <= file.layer_count <= most, file.scene, f"{file.layer_count} tiers, accepted are 1 to {most}")
         require(file.views <= L.MAX_VIEWS, file.scene, f"{file.views} cameras, accepted are 0 to {L.MAX_VIEWS}")
         require(file.table.count == 1, file.scene, f"rows of a list with {file.table.count} pictures")
         file.check_rows(CLASSES)
-        return cls(scene=read_list(file), viewpoints=file.cameras_of(range(file.views)))
+        viewpoints = file.cameras_of(range(file.views))
+        moved = [section for section in file.sections if section.kind == L.STEPS]
+        return cls(scene=read_list(file), viewpoints=with_steps(viewpoints, moved[0]) if moved else viewpoints)
 
     def describe(self) -> Description:
         """Gaussians, tiers, and cameras of photos."""

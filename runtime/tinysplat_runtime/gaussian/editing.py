@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..scene.cameras import Camera
+from ..scene.viewpoints import Viewpoint
 from .gaussians import Gaussians, joined
 from .notes import Notes
 from .quaternions import matrices_to_quats, multiply_quats
@@ -176,7 +177,9 @@ def moved_camera(camera: Camera, rotation: NDArray, scale: float, translation: N
     c2w = camera.c2w.copy()
     c2w[:3, :3] = rotation @ c2w[:3, :3]
     c2w[:3, 3] = scale * rotation @ c2w[:3, 3] + translation
-    return Camera(camera.K, c2w, camera.width, camera.height)
+    if isinstance(camera, Viewpoint):
+        return replace(camera, c2w=c2w, shift=scale * camera.shift)
+    return replace(camera, c2w=c2w)
 
 
 def _kept(flat: Gaussians, keep: NDArray) -> Gaussians:

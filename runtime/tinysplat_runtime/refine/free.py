@@ -114,6 +114,14 @@ class FreeGaussians:
         }
         return replace(self._start, **fields)
 
+    def pulled(self, gradient: NDArray) -> tuple[NDArray, NDArray]:
+        """(N, 3) float64 means in the world, and (N, 3) a loss's gradient with respect to them, of one with respect to
+        `values`.
+        """
+        moved, slopes = (array[MOVE:LOG_SCALE, : self.count].T.astype(np.float64) for array in (self.values, gradient))
+        units = self._units[:, None]
+        return self._start.origin + self._start.means + units * moved, slopes / units
+
     def kept(self, keep: NDArray) -> FreeGaussians:
         """Those of a mask (N,) bool, as they are now."""
         return FreeGaussians(self.gaussians().taken(keep), self._units[keep], self._run, self.functions)

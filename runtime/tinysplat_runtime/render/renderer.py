@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, check_is
 from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
+from ..scene.viewpoints import corrected
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
 from .near import NearViews, Shares
@@ -89,7 +90,7 @@ class Renderer:
         """
         check_is(gaussians, Gaussians, "gaussians", "Gaussians")
         self._threads = _whole_number("threads", threads) if threads is not None else available_cores()
-        self._origin = gaussians.origin
+        self._origin, self._viewpoints = gaussians.origin, gaussians.viewpoints
         self._run = Crew(self._threads).map
         module = _compiled_module(required=compiled is True) if compiled is not False else None
         _check_choice("dilation", dilation, DILATIONS)
@@ -134,6 +135,7 @@ class Renderer:
             camera = camera.resized(*_checked_size(size))
         if not (isinstance(near_plane, Real) and 0 <= near_plane < math.inf):
             raise InputError(f"{near_plane!r}, expected a finite number ≥ 0 in scene units", where="near_plane")
+        camera = corrected(camera, self._viewpoints)
         with self._lock:
             canvas = self._draw(View.of(camera, self._origin, float(near_plane)), "depth" in outputs)
         makers: dict[str, Callable[[], NDArray]] = {

@@ -19,6 +19,8 @@ class Settings:
         functions: SH functions of every Gaussian: 1, 4 or 9.
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         exposure: smallest |log gain| of a photo's colour that is believed.
+        place: how far a photo's camera moves in a step, at the start, pixels; those of few photos stay.
+        placed: share of the way after which they do.
         alone, most_absent: how far the share of pixels that show what no other photo shows finer surpasses `alone` is
             the share of the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at
             the end, `most_absent` at most. So none relies on others to correct it where few photos would tell
@@ -47,6 +49,8 @@ class Settings:
     functions: int = 4
     structure: float = 0.2
     exposure: float = 0.02
+    place: float = 0.05
+    placed: float = 0.1
     alone: float = 0.4
     most_absent: float = 0.3
     quarter: float = 0.25

@@ -3,7 +3,8 @@
 Every step draws a photo, small at first, as 3DGS defines, takes the gradient of what it lacks, and moves, turns,
 scales, fades and colours all Gaussians by Adam. Now and then Gaussians that show nothing go, and pixels where photos
 still lack something give new ones; later those go that photos hardly need, while the others can still make up for them.
-Photos may differ in exposure: each has a gain per colour.
+Photos may differ in exposure: each has a gain per colour. Cameras may be off by a pixel or two: of more than a few
+photos each is corrected.
 Needs numba (`tinysplat[fast]`).
 """
 
@@ -31,8 +32,9 @@ from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
-from . import BYTES_EACH, DEFAULT_SECONDS, KEPT, start, usual_steps
+from . import BYTES_EACH, DEFAULT_SECONDS, FEW_PHOTOS, KEPT, start, usual_steps
 from .contrast import smoothed
+from .places import Places
 from .settings import Budget, Settings
 
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
@@ -172,6 +174,8 @@ class _Training:
         begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
+        cameras = [target.camera for target in targets]
+        self._places = Places(cameras, capture.origin + begun.means, settings) if len(cameras) > FEW_PHOTOS else None
         stats.given = capture.count
 
     def advance(self, clock: _Clock) -> Iterator[int]:
@@ -198,7 +202,7 @@ class _Training:
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
         stats.kept, stats.psnr = gaussians.count, tuple(error.psnr for error in errors)
         stats.gains = tuple(map(tuple, self._gains.tolist()))
-        return replace(gaussians, viewpoints=tuple(self._cameras))
+        return replace(gaussians, viewpoints=self._places.viewpoints() if self._places else tuple(self._cameras))
 
     def _step(self, view: int, way: float) -> float:
         """Towards a photo, at a share of the way; its dB before."""
@@ -209,12 +213,17 @@ class _Training:
         target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
         share = self._absent * way
         absent = self._rng.random(self._descent.field.count) < share if share else None
-        weight = smaller * smaller
-        return self._descent.step(target, way, weight=weight, structure=settings.structure, absent=absent).psnr
+        descent, weight = self._descent, smaller * smaller
+        error = descent.step(target, way, weight=weight, structure=settings.structure, absent=absent)
+        if self._places and way >= settings.placed:
+            self._places.correct(view, *descent.field.pulled(descent.gradient), settings.pace.left(way))
+        return error.psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
-        """A photo as it would be with the scene's exposure."""
+        """A photo as it would be with the scene's exposure, and its camera where it stands."""
         target = self._sizes[smaller][view]
+        if self._places:
+            target = replace(target, camera=self._places.seen(view, target.camera))
         if (self._gains[view] == 1).all():
             return target
         return replace(target, photo=target.photo / self._gains[view].astype(np.float32))
@@ -244,10 +253,11 @@ class _Training:
         draw = Renderer(gaussians, self._threads, **DEFINITION).render
         logs, wrong = list[list[float]](), list[NDArray]()
         for view, target in enumerate(self._sizes[1]):
-            picture, known = draw(target.camera), np.isfinite(target.photo[..., 0])
+            exposed = self._exposed(view, 1)
+            picture, known = draw(exposed.camera), np.isfinite(target.photo[..., 0])
             shown, photo = picture[known], target.photo[known]
             logs.append([log_gain(shown[:, colour], photo[:, colour]) for colour in range(3)])
-            error = np.where(known[..., None], picture - self._exposed(view, 1).photo, np.float32(0))
+            error = np.where(known[..., None], picture - exposed.photo, np.float32(0))
             wrong.append(smoothed(np.abs(error).sum(axis=-1)))
         self._gains = _gains(np.array(logs), self._settings.exposure)
         return wrong
@@ -256,7 +266,7 @@ class _Training:
         """Drop what photos hardly need; drawn at half their size, which tells it as well."""
         gaussians, settings = self._descent.field.gaussians(), self._settings
         shown = gaussians.opacities >= ALPHA_MIN
-        pictures = Pictures([target.camera for target in self._sizes[2]], self._run)
+        pictures = Pictures([self._exposed(view, 2).camera for view in range(len(self._gains))], self._run)
         costs = np.zeros(gaussians.count)
         for sums in pictures.measure(gaussians.taken(shown), range(len(pictures.cameras))):
             costs[shown] += sums[:, COST]

@@ -1,0 +1,84 @@
+"""Where photos were taken: cameras as they were given, and how far the photos themselves contradict them.
+
+Poses of apps and of long recordings drift, by a pixel and more. Neighbours drift alike, so a camera that nobody has
+corrected is corrected as those beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cameras import Camera, finite_array, posed
+
+NEAREST = 2
+"""Viewpoints that a camera between them is corrected by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint(Camera):
+    """A photo's camera as it was given, and the step from there to where its photo fits the scene, in its axes.
+
+    Attributes:
+        turn: (3,) float64 rotation vector, radians.
+        shift: (3,) float64, scene units.
+
+    Raises:
+        InputError: one of them is not finite, or as `Camera`.
+    """
+
+    turn: NDArray = field(default_factory=lambda: np.zeros(3))
+    shift: NDArray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("turn", "shift"):
+            object.__setattr__(self, name, finite_array(name, getattr(self, name), (3,)))
+
+
+def stepped(camera: Camera, turn: NDArray, shift: NDArray) -> Camera:
+    """A camera turned by a rotation vector (3,) and moved by (3,) scene units, both in its axes."""
+    R = camera.c2w[:3, :3]
+    c2w = posed(R @ rotation_of(turn), camera.centre + R @ shift)
+    return Camera(camera.K, c2w, camera.width, camera.height)
+
+
+def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> Camera:
+    """A camera that is given as the viewpoints were, as it stands in the scene: by the steps of the nearest of them,
+    each the more the nearer it is; as it is where none has a step.
+    """
+    if not any(isinstance(viewpoint, Viewpoint) for viewpoint in viewpoints):
+        return camera
+    apart = distances(camera, viewpoints)
+    nearest = np.argsort(apart, kind="stable")[:NEAREST]
+    shares = 1 / (apart[nearest] + 1e-9)
+    turn, shift = np.einsum("v,vij->ij", shares / shares.sum(), steps([viewpoints[n] for n in nearest]))
+    return stepped(camera, turn, shift)
+
+
+def steps(viewpoints: Sequence[Camera]) -> NDArray:
+    """(V, 2, 3) float64: turn and shift of each, zero of those that have none."""
+    nothing = np.zeros((2, 3))
+    return np.array([[v.turn, v.shift] if isinstance(v, Viewpoint) else nothing for v in viewpoints]).reshape(-1, 2, 3)
+
+
+def distances(camera: Camera, viewpoints: Sequence[Camera]) -> NDArray:
+    """(V,) float64 how far a camera is from each: in places, over how far apart these lie, and in radians."""
+    centres = np.array([viewpoint.centre for viewpoint in viewpoints])
+    spread = math.sqrt(np.square(centres - centres.mean(axis=0)).sum(axis=1).mean()) or 1.0
+    turned = np.array([viewpoint.c2w[:3, :3] for viewpoint in viewpoints]) - camera.c2w[:3, :3]
+    return np.linalg.norm(centres - camera.centre, axis=1) / spread + np.linalg.norm(turned, axis=(1, 2)) / math.sqrt(2)
+
+
+def rotation_of(turn: NDArray) -> NDArray:
+    """(3, 3) float64 of a rotation vector (3,), radians (Rodrigues)."""
+    angle = float(np.linalg.norm(turn))
+    if not angle:
+        return np.eye(3)
+    x, y, z = turn / angle
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * across + (1 - math.cos(angle)) * across @ across

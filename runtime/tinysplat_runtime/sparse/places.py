@@ -1,0 +1,96 @@
+"""Where photos were taken, corrected with every step of training by what moves the Gaussians.
+
+A camera that moves one way shows what Gaussians that move the other way do. So its gradient is a sum over theirs.
+Steps are in pixels at the middle depth. Their mean stays zero, so that the scene stays where the cameras have it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.cameras import Camera
+from ..scene.viewpoints import NEAREST, Viewpoint, distances, stepped
+from .settings import Settings
+
+MOMENTUM, MEMORY = 0.9, 0.99
+"""Adam's β₁ and β₂."""
+
+ALONE = 7.0
+"""Times the median of how far photos' steps are from their neighbours': one that is farther off says nothing of how its
+neighbourhood drifts, and the others' steps stand for it."""
+
+
+class Places:
+    """Cameras of photos, and how far these have shown them to be from where they were given.
+
+    Attributes:
+        given: as they were given.
+        steps: (V, 6) float64 rotation vectors, radians, and shifts, scene units, in each camera's axes.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], means: NDArray, settings: Settings) -> None:
+        """Of photos of Gaussians with (N, 3) `means`, in the world."""
+        self.given, self.steps, self._settings = tuple(cameras), np.zeros((len(cameras), 6)), settings
+        self._depths = np.array([_middle_depth(means, camera) for camera in cameras])
+        focals = np.array([camera.focal for camera in cameras])
+        self._pixel = np.repeat(np.stack([1 / focals, self._depths / focals], axis=1), 3, axis=1)
+        self._means, self._squares = np.zeros_like(self.steps), np.zeros_like(self.steps)
+        self._taken = np.zeros(len(cameras))
+
+    def seen(self, view: int, camera: Camera) -> Camera:
+        """A photo's camera, of any size, where the photo now stands."""
+        turn, shift = np.split(self.steps[view], 2)
+        return stepped(camera, turn, shift)
+
+    def correct(self, view: int, means: NDArray, gradient: NDArray, left: float) -> None:
+        """Take a step down the gradient of a photo's loss with respect to (N, 3) `means`, both in the world.
+
+        `left` is what is left of the steps' size.
+        """
+        camera = self.seen(view, self.given[view])
+        moved = np.concatenate([np.cross(means - camera.centre, gradient).sum(axis=0), gradient.sum(axis=0)])
+        slope = -(moved.reshape(2, 3) @ camera.c2w[:3, :3]).ravel() * self._pixel[view]
+        self._taken[view] += 1
+        self._means[view] += (1 - MOMENTUM) * (slope - self._means[view])
+        self._squares[view] += (1 - MEMORY) * (slope * slope - self._squares[view])
+        mean = self._means[view] / (1 - MOMENTUM ** self._taken[view])
+        size = np.sqrt(self._squares[view] / (1 - MEMORY ** self._taken[view]))
+        self.steps[view] -= self._settings.place * left * self._pixel[view] * mean / np.maximum(size, 1e-30)
+        self._centre()
+
+    def viewpoints(self) -> tuple[Camera, ...]:
+        """The cameras as they were given, with their steps; of one that its neighbours contradict, with theirs."""
+        steps = self.steps.copy()
+        shown = self._shown(steps)
+        apart = np.array([distances(camera, self.given) for camera in self.given])
+        np.fill_diagonal(apart, np.inf)
+        near = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
+        off = np.linalg.norm(shown - shown[near].mean(axis=1), axis=1)
+        alone = off > ALONE * max(float(np.median(off)), 1e-12)
+        if alone.any() and not alone.all():
+            apart[:, alone] = np.inf
+            for view in np.flatnonzero(alone):
+                steps[view] = self.steps[np.argsort(apart[view], kind="stable")[0]]
+        return tuple(
+            Viewpoint(c.K, c.c2w, c.width, c.height, step[:3], step[3:])
+            for c, step in zip(self.given, steps, strict=True)
+        )
+
+    def _shown(self, steps: NDArray) -> NDArray:
+        """(V, 3) by what angles the middle of each picture is moved and turned."""
+        turn, shift = steps[:, :3], steps[:, 3:] / self._depths[:, None]
+        return np.stack([turn[:, 0] - shift[:, 1], turn[:, 1] + shift[:, 0], turn[:, 2]], axis=1)
+
+    def _centre(self) -> None:
+        axes = np.array([camera.c2w[:3, :3] for camera in self.given])
+        world = np.einsum("vij,vkj->vki", axes, self.steps.reshape(-1, 2, 3))
+        self.steps -= np.einsum("vji,kj->vki", axes, world.mean(axis=0)).reshape(-1, 6)
+
+
+def _middle_depth(means: NDArray, camera: Camera) -> float:
+    depths = (means - camera.centre) @ camera.c2w[:3, 2]
+    seen = depths[depths > 0]
+    return float(np.median(seen)) if seen.size else 1.0
