@@ -18,6 +18,7 @@ from scenes import refusing
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container.cameras import rounded_cameras
+from tinysplat_runtime.container.columns import packed_columns
 from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.list import (
     ListChannel,
@@ -36,6 +37,7 @@ from tinysplat_runtime.container.writer import Head, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import PlaneClass as P
 from tinysplat_runtime.scene.cameras import Camera
+from tinysplat_runtime.scene.viewpoints import Viewpoint
 
 NAMES = [(P.COLOR, 0), (P.OPACITY, 0), *((P.SCALE, t) for t in range(3)), *((P.ROTATION, t) for t in range(3))]
 STREAMS = (b"ab", b"", b"c", b"", b"", b"def")
@@ -122,6 +124,30 @@ def test_cameras_of_a_list_are_those_of_its_photos_as_precise_as_float32() -> No
         assert (seen.width, seen.height) == (24, 18)
         np.testing.assert_allclose(seen.c2w, camera.c2w, atol=0.1)  # of a place 1e6 away from the origin
         np.testing.assert_allclose(seen.K, camera.K, rtol=1e-6)
+
+
+def test_steps_of_cameras_are_kept_and_those_that_are_none_are_refused() -> None:
+    K, turn, shift = (
+        [[101.7, 0, 12.3], [0, 99.1, 9.9], [0, 0, 1]],
+        np.array([1e-3, -2e-3, 0]),
+        np.array([0, 1e-2, 3e-2]),
+    )
+    given = [Viewpoint(K, np.eye(4), 24, 18, turn, shift, True), Camera(K, np.eye(4), 24, 18)]
+    rounded = rounded_cameras(given, np.zeros(3))
+    written = sections_of(write_container(Head(rounded, np.zeros(3), "max", 0.0), (), (), 1, views=1))[:3]
+    rest = sections_of(file())[1:]
+    first, second = read_container(file_of([*written, *rest])).body.viewpoints
+    np.testing.assert_allclose([first.turn, first.shift], [turn, shift], rtol=1e-6)
+    assert first.is_alone and not second.is_alone and not second.turn.any() and not second.shift.any()
+    columns = np.array([[*turn, *shift, 1], [0] * 7])
+    for place, wrong in ((0, np.nan), (1, 9.0), (4, np.inf), (5, 1e16), (6, 0.5)):
+        columns[1] = 0
+        columns[1, place] = wrong
+        with refusing(FormatError, "STEP view 1"):
+            read_container(file_of([*written[:2], [b"STEP", 0, 0, packed_columns(columns)], *rest]))
+    for data in (packed_columns(columns[:, :5]), packed_columns(columns) + b"\0"):
+        with refusing(FormatError, "STEP"):
+            read_container(file_of([*written[:2], [b"STEP", 0, 0, data], *rest]))
 
 
 def one(place: int, **values: Any) -> dict[str, Any]:

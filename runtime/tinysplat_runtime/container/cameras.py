@@ -20,8 +20,8 @@ COLUMNS = 19
 
 INTRINSICS = 5
 
-STEP_COLUMNS = 6
-"""A rotation vector in radians and a shift in scene units, both in the camera's axes."""
+STEP_COLUMNS = 7
+"""A rotation vector in radians and a shift in scene units, both in the camera's axes; 1 where it is the camera's alone."""
 
 MOST_TURN = 4.0
 """Radians; more than half a turn about any axis."""
@@ -37,7 +37,8 @@ def camera_sections(cameras: Sequence[Camera]) -> list[NewSection]:
     rows = [(*intrinsics(c.K), c.width, c.height, *c.c2w[:3].ravel()) for c in cameras]
     sections = [NewSection(L.CAMERAS, 0, packed_columns(np.array(rows, np.float64)))] if rows else []
     if any(isinstance(camera, Viewpoint) for camera in cameras):
-        columns = packed_columns(steps(cameras).reshape(-1, STEP_COLUMNS))
+        alone = [[float(isinstance(camera, Viewpoint) and camera.is_alone)] for camera in cameras]
+        columns = packed_columns(np.hstack([steps(cameras).reshape(-1, STEP_COLUMNS - 1), alone]))
         sections.append(NewSection(L.STEPS, 0, columns, is_required=False))
     return sections
 
@@ -62,10 +63,10 @@ def with_steps(cameras: Sequence[Camera], section: Section) -> tuple[Camera, ...
     cursor.finish()
     found = []
     for view, (camera, step) in enumerate(zip(cameras, numbers, strict=True)):
-        turn, shift = step[:3], step[3:]
+        turn, shift, alone = step[:3], step[3:6], step[6]
         is_step = np.isfinite(step).all() and np.abs(turn).max() <= MOST_TURN and np.abs(shift).max() <= MAX_POSITION
-        cursor.require(bool(is_step), f"view {view}: a step of {step.tolist()}")
-        found.append(Viewpoint(camera.K, camera.c2w, camera.width, camera.height, turn, shift))
+        cursor.require(bool(is_step) and alone in (0, 1), f"view {view}: a step of {step.tolist()}")
+        found.append(Viewpoint(camera.K, camera.c2w, camera.width, camera.height, turn, shift, bool(alone)))
     return tuple(found)
 
 

@@ -18,6 +18,9 @@ from .cameras import Camera, finite_array, posed
 NEAREST = 2
 """Viewpoints that a camera between them is corrected by."""
 
+SAME = 1e-6
+"""Of `distances`: nearer cameras are the same."""
+
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint(Camera):
@@ -26,6 +29,7 @@ class Viewpoint(Camera):
     Attributes:
         turn: (3,) float64 rotation vector, radians.
         shift: (3,) float64, scene units.
+        is_alone: its neighbours' steps contradict its own, by which no other camera is then corrected.
 
     Raises:
         InputError: one of them is not finite, or as `Camera`.
@@ -33,6 +37,7 @@ class Viewpoint(Camera):
 
     turn: NDArray = field(default_factory=lambda: np.zeros(3))
     shift: NDArray = field(default_factory=lambda: np.zeros(3))
+    is_alone: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,8 +59,11 @@ def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> Camera:
     if not any(isinstance(viewpoint, Viewpoint) for viewpoint in viewpoints):
         return camera
     apart = distances(camera, viewpoints)
+    if apart.min() > SAME:
+        alone = np.array([isinstance(viewpoint, Viewpoint) and viewpoint.is_alone for viewpoint in viewpoints])
+        apart[alone] += np.ptp(apart) + 1
     nearest = np.argsort(apart, kind="stable")[:NEAREST]
-    shares = 1 / (apart[nearest] + 1e-9)
+    shares = 1 / np.maximum(apart[nearest], SAME)
     turn, shift = np.einsum("v,vij->ij", shares / shares.sum(), steps([viewpoints[n] for n in nearest]))
     return stepped(camera, turn, shift)
 

@@ -20,7 +20,7 @@ MOMENTUM, MEMORY = 0.9, 0.99
 
 ALONE = 7.0
 """Times the median of how far photos' steps are from their neighbours': one that is farther off says nothing of how its
-neighbourhood drifts, and the others' steps stand for it."""
+neighbourhood drifts."""
 
 
 class Places:
@@ -62,26 +62,21 @@ class Places:
         self._centre()
 
     def viewpoints(self) -> tuple[Camera, ...]:
-        """The cameras as they were given, with their steps; of one that its neighbours contradict, with theirs."""
-        steps = self.steps.copy()
-        shown = self._shown(steps)
+        """The cameras as they were given, with their steps."""
+        shown = self._shown()
         apart = np.array([distances(camera, self.given) for camera in self.given])
         np.fill_diagonal(apart, np.inf)
         near = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
         off = np.linalg.norm(shown - shown[near].mean(axis=1), axis=1)
-        alone = off > ALONE * max(float(np.median(off)), 1e-12)
-        if alone.any() and not alone.all():
-            apart[:, alone] = np.inf
-            for view in np.flatnonzero(alone):
-                steps[view] = self.steps[np.argsort(apart[view], kind="stable")[0]]
+        alone = off > ALONE * np.median(off)
         return tuple(
-            Viewpoint(c.K, c.c2w, c.width, c.height, step[:3], step[3:])
-            for c, step in zip(self.given, steps, strict=True)
+            Viewpoint(c.K, c.c2w, c.width, c.height, step[:3], step[3:], bool(is_alone))
+            for c, step, is_alone in zip(self.given, self.steps, alone, strict=True)
         )
 
-    def _shown(self, steps: NDArray) -> NDArray:
+    def _shown(self) -> NDArray:
         """(V, 3) by what angles the middle of each picture is moved and turned."""
-        turn, shift = steps[:, :3], steps[:, 3:] / self._depths[:, None]
+        turn, shift = self.steps[:, :3], self.steps[:, 3:] / self._depths[:, None]
         return np.stack([turn[:, 0] - shift[:, 1], turn[:, 1] + shift[:, 0], turn[:, 2]], axis=1)
 
     def _centre(self) -> None:
