@@ -1,4 +1,5 @@
-"""What a release consists of, in dist/: wheel, sdist, bill of materials (CycloneDX) and checksums (`make release`).
+"""What a release consists of, in dist/: wheel, sdist, bill of materials (CycloneDX), a recipe for conda-forge and
+checksums (`make release`).
 
 Everything is built twice from what git has committed, by two builds that share nothing, and refused unless both give
 the same bytes: whoever has the commit can check that the files on the index are it.
@@ -11,11 +12,14 @@ import hashlib
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import tarfile
 import tempfile
 import venv
+import zipfile
+from email import message_from_bytes
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,6 +72,27 @@ def bill_of_materials(name: str, wheel: bytes) -> bytes:
     return json.dumps(bill, indent=1, sort_keys=True).encode() + b"\n"
 
 
+def recipe(sdist: str, data: bytes, wheel: bytes) -> bytes:
+    """conda-forge's recipe.yaml: what the wheel declares, and where the sdist will lie."""
+    with zipfile.ZipFile(io.BytesIO(wheel)) as archive:
+        name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        declared = message_from_bytes(archive.read(name))
+    needed = [entry for entry in declared.get_all("Requires-Dist") if "extra ==" not in entry]
+    return (
+        (ROOT / ".ci" / "conda.yaml")
+        .read_text("utf-8")
+        .format(
+            version=declared["Version"],
+            sdist=sdist,
+            sha256=hashlib.sha256(data).hexdigest(),
+            run="\n".join(f"    - {re.sub('(?=[<>=!])', ' ', entry, count=1)}" for entry in needed),
+            source=next(url.split(", ")[1] for url in declared.get_all("Project-URL") if url.startswith("Source")),
+            description=json.dumps(declared["Summary"]),
+        )
+        .encode()
+    )
+
+
 def main() -> int:
     """Write dist/, or say what differs."""
     if git("status", "--porcelain", "--untracked-files=no").strip():
@@ -79,6 +104,8 @@ def main() -> int:
         print(f"two builds differ: {', '.join(different)}", file=sys.stderr)
         return 1
     wheel = next(name for name in files if name.endswith(".whl"))
+    sdist = next(name for name in files if name.endswith(".tar.gz"))
+    files["recipe.yaml"] = recipe(sdist, files[sdist], files[wheel])
     files["tinysplat.cdx.json"] = bill_of_materials(wheel, files[wheel])
     out = ROOT / "dist"
     out.mkdir(exist_ok=True)

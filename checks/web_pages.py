@@ -1,4 +1,4 @@
-"""The pages of docs/WEB.md as they stand, in a headless Chromium, and the adapters' types under `tsc --strict`.
+"""The pages of examples/web as they stand, in a headless Chromium, and the adapters' types under `tsc --strict`.
 
     apt-get install -y chromium
     npm install three @types/three @sparkjsdev/spark @babylonjs/core typescript@5.9.3 RUNTIME/web
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import base64
 import io
-import re
 import shutil
 import subprocess
 import sys
@@ -23,7 +22,6 @@ from page.browser import Browser, served
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = re.compile(r"cat > (\w+\.html) <<'END'\n(.*?)\nEND\n", re.DOTALL)
 LEAST_SPREAD = 0.02  # standard deviation of a picture's colours
 SECONDS = 60
 SIZE = 320, 240
@@ -52,7 +50,8 @@ def main(file: str) -> int:
     done = subprocess.run(["npx", "tsc", "-p", "tsconfig.json"], capture_output=True, text=True, check=False)
     print("types:", done.stdout.strip() or "as used")
     faults += done.returncode != 0
-    for name, text in PAGES.findall((ROOT / "docs" / "WEB.md").read_text("utf-8")):
+    for page in sorted((ROOT / "examples" / "web").glob("*.html")):
+        name, text = page.name, page.read_text("utf-8")
         (here / name).write_text(text.replace("<!doctype html>", '<!doctype html><link rel="icon" href="data:,">'))
         with Browser() as browser, served(here) as address:
             found = spread(browser, f"{address}/{name}")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import email
+import email.policy
 import importlib.metadata
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -26,7 +29,7 @@ def wheel(tmp_path_factory) -> Path:
     source = folder / "source"  # a copy: building leaves a folder behind, whose stale files the next wheel would hold
     for name in ("runtime", "tinysplat", "models"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), str(source)]
     subprocess.run(command, check=True, capture_output=True, timeout=240)
@@ -59,6 +62,17 @@ def test_every_package_on_disk_is_in_the_wheel_with_models_and_marker(wheel):
         assert str(part.relative_to(ROOT / "runtime")) in names
     for artifact in (ROOT / "models").glob("*.onnx"):
         assert f"tinysplat_models/{artifact.name}" in names
+
+
+def test_the_description_has_links_that_lead_somewhere_from_an_index(wheel):
+    archive = zipfile.ZipFile(wheel)
+    name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+    declared = email.message_from_bytes(archive.read(name), policy=email.policy.default)
+    links = re.findall(r"\]\(([^)#\s]+)", declared.get_content())
+    source = dict(entry.split(", ") for entry in declared.get_all("Project-URL"))["Source"]
+    inside = [link.removeprefix(source) for link in links if link.startswith(source)]
+    assert inside and all("://" in link for link in links)
+    assert all((ROOT / link.split("/", 3)[3]).exists() for link in inside)
 
 
 def _site_of_base_packages(folder: Path) -> None:

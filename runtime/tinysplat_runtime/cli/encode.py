@@ -118,6 +118,6 @@ def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> N
             "notice", "--mode list makes one sparse scene of it, smaller and mostly sharper; --mode auto tries both"
         )
     if look.psnr < LOW_DB:
-        known = "none of the known (units, w2c, axes, overlap); photos may differ in light or time"
+        known = "not units, w2c, axes or overlap; photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known
         voice.say("doubt", f"{look.psnr:.1f} dB is low; likely cause: {cause}", scene.path)

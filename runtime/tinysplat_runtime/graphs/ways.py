@@ -127,7 +127,7 @@ class OneByOne(Way):
         groups = _groups(scene, stages["glance"], CLOSE)  # one by one, groups of their own cost no calls
         run_jobs = Crew(self.threads).map if self.threads else None
         if run_jobs is not None and find_spec("numba") is None:
-            warn('photos do not agree on depth: to let them needs numba; pip install "tinysplat[fast]" brings it')
+            warn('depths of photos are not made to agree, which needs numba: pip install "tinysplat[fast]"')
             run_jobs = None
 
         with watch.stage("network"):

@@ -46,7 +46,7 @@ export class Capture {
     });
   }
 
-  // What is wanted, in order: views `whole` and views' `coarse` surfaces, and when these are there, views whole `ahead`.
+  // Fetch order: views `whole`, views' `coarse` surfaces, then whole views `ahead`.
   look(wanted) {
     this.wanted = wanted;
     if (this.first) this.#tell();
