@@ -216,9 +216,7 @@ class _Training:
         descent, weight = self._descent, smaller * smaller
         error = descent.step(target, way, weight=weight, structure=settings.structure, absent=absent)
         if self._places and way >= settings.placed:
-            # Twice as fast as what is left of other steps: in the end what a camera still moves is noise to all
-            left = settings.pace.left(way) ** 2
-            self._places.correct(view, *descent.field.pulled(descent.gradient), left)
+            self._places.correct(view, *descent.field.pulled(descent.gradient), settings.pace.left(way))
         return error.psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
