@@ -1,4 +1,4 @@
-"""Cameras that photos corrected: a camera is drawn as those beside it were corrected, wherever the scene is moved to."""
+"""Cameras that photos corrected: one is drawn as those beside it were corrected, wherever the scene is moved to."""
 
 from __future__ import annotations
 

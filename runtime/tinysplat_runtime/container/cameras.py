@@ -21,7 +21,7 @@ COLUMNS = 19
 INTRINSICS = 5
 
 STEP_COLUMNS = 7
-"""A rotation vector in radians and a shift in scene units, both in the camera's axes; 1 where it is the camera's alone."""
+"""A rotation vector in radians and a shift in scene units, in the camera's axes; 1 where it is the camera's alone."""
 
 MOST_TURN = 4.0
 """Radians; more than half a turn about any axis."""
