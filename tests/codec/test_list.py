@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import list_in_tiers, make_cameras, make_list, refusing
+from scenes import list_in_tiers, make_cameras, make_list, make_smooth_gaussians, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.codec.list.attributes import Columns, expanded, from_columns, to_columns
@@ -20,6 +20,7 @@ from tinysplat_runtime.gaussian.curve import cells_of, morton_keys
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import quats_to_matrices
 from tinysplat_runtime.render.paths import ring
+from tinysplat_runtime.scene.viewpoints import Viewpoint
 
 
 def cloud(count: int = 700, degree: int = 1, seed: int = 1) -> Gaussians:
@@ -243,3 +244,14 @@ def test_turned_axes_show_the_same_gaussian_and_take_the_least_rotation():
     assert (np.diff(again.scales, axis=1) <= 0).all()
     # half a turn about an axis changes nothing, so that a scalar part below 1/2 is never needed
     assert np.square(columns.turns).sum(axis=1).max() <= 0.75 + 1e-9
+
+
+def test_what_a_file_costs_does_not_depend_on_how_far_cameras_were_off() -> None:
+    flat = make_smooth_gaussians().flat()
+
+    def stepped(turn: float) -> bytes:
+        views = (Viewpoint(c.K, c.c2w, c.width, c.height, np.full(3, turn), np.zeros(3)) for c in flat.viewpoints)
+        return ts.Runtime(threads=1).compress(flat.changed(viewpoints=tuple(views)), keep_all=True)
+
+    near, far = stepped(0.001), stepped(0.05)
+    assert len(near) == len(far) and ts.Runtime(threads=1).decompress(far).viewpoints[0].turn[0] == np.float32(0.05)

@@ -53,7 +53,10 @@ def file_loss(path: StrPath, gaussians: Gaussians) -> Loss:
     """
     views = _views(gaussians)
     # As defined: most formats keep no cameras, and what is drawn with their help would count as lost.
-    ours, theirs = (Renderer(drawn, None, compiled=False, **DEFINITION) for drawn in (gaussians, load_gaussians(path)))
+    ours, theirs = (
+        Renderer(drawn.changed(viewpoints=()), None, compiled=False, **DEFINITION)
+        for drawn in (gaussians, load_gaussians(path))
+    )
     psnr = mean_decibels(map(theirs.render, views), map(ours.render, views))
     beside = Path(path).parent.glob("*.webp") if Path(path).suffix == ".json" else ()  # of a SOG folder
     return Loss(sum(part.stat().st_size for part in (Path(path), *beside)), psnr, len(views))

@@ -22,7 +22,7 @@ from ..system.told import NOBODY, Told
 from .request import CompressRequest, EncodeRequest
 from .stages import AT_ODDS, Pruning, Tools, code, code_photos, others, refine, sparse, strange
 
-LIST_QP = -4.5
+LIST_QP = -6.0
 """Default Q_g of a capture as one list: training brings it nearer to its photos than most inputs of `compress` are, so
 that the same steps would lose more."""
 

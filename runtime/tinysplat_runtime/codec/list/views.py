@@ -157,13 +157,15 @@ def _views_outside(gaussians: Gaussians, *, is_room: bool) -> tuple[list[Camera]
 
 
 def pictures_of(gaussians: Gaussians, cameras: Sequence[Camera], threads: int) -> list[NDArray]:
-    """What cameras see as 3DGS defines drawing, (H, W, 3) float32 of at most 1 each."""
+    """What cameras that stand in the scene, whatever its viewpoints' steps, see as 3DGS defines drawing: (H, W, 3)
+    float32 of at most 1 each.
+    """
     renderer = _renderer(gaussians, threads)
     return [np.minimum(renderer.render(camera), np.float32(1)) for camera in cameras]
 
 
 def _renderer(gaussians: Gaussians, threads: int | None = None) -> Renderer:
-    return Renderer(gaussians, threads, **DEFINITION, keep=gaussians.count <= TOGETHER)
+    return Renderer(gaussians.changed(viewpoints=()), threads, **DEFINITION, keep=gaussians.count <= TOGETHER)
 
 
 def is_surely_an_object(gaussians: Gaussians) -> bool:
