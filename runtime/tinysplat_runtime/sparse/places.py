@@ -53,6 +53,8 @@ class Places:
         camera = self.seen(view, self.given[view])
         moved = np.concatenate([np.cross(means - camera.centre, gradient).sum(axis=0), gradient.sum(axis=0)])
         slope = -(moved.reshape(2, 3) @ camera.c2w[:3, :3]).ravel() * self._pixel[view]
+        if not np.isfinite(slope).all():
+            return  # Gaussians beyond what float32 can tell, which training drops
         self._taken[view] += 1
         self._means[view] += (1 - MOMENTUM) * (slope - self._means[view])
         self._squares[view] += (1 - MEMORY) * (slope * slope - self._squares[view])

@@ -20,7 +20,7 @@ class Settings:
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         exposure: smallest |log gain| of a photo's colour that is believed.
         place: how far a photo's camera moves in a step, at the start, pixels; those of few photos stay.
-        placed: share of the way after which they do.
+        placed: share of the way after which cameras begin to move.
         alone, most_absent: how far the share of pixels that show what no other photo shows finer surpasses `alone` is
             the share of the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at
             the end, `most_absent` at most. So none relies on others to correct it where few photos would tell
