@@ -61,7 +61,7 @@ def score_tile(listed: Listed, extent: Extent, work: Scratch, wanted: NDArray, i
         is_first: the picture as drawn is what is wanted; `wanted` is written.
         pairs: (pairs, 5) float32, written at the tile's places.
     """
-    keys, count = blend_tile(listed, extent, work, False)
+    keys, count = blend_tile(listed, extent, work, np.bool_(False))  # a literal would compile it again
     _turn_over(work.state, wanted, extent, is_first)
     for key in keys[count:]:
         pairs[key & _I(0xFFFFFFFF)] = 0

@@ -196,8 +196,7 @@ class FreeGaussians:
 
         def add(number: int) -> None:
             piece = self.pieces[number]
-            values, slopes = self.values[:, piece.rows], gradient[:, piece.rows]
-            moved = Moved(piece.rows.start, piece.geometry, piece.base[:, 3], values, slopes)
+            moved = Moved(piece.rows.start, piece.geometry, piece.base[:, 3], self.values, gradient)
             records, seen, ends = self._comparer.buffers.records, visible[number], lists.starts[number]
             kernels_free.add_up(records, seen, lists.tiles, ends, pairs, moved, numbers)
 

@@ -40,7 +40,7 @@ class Moved(NamedTuple):
         first: its first row.
         geometry: (chunks, 14, 128) float32, as they stand.
         units: (chunks, 128) float32, what their means move in.
-        values: (kinds, rows) float32.
+        values: (kinds, rows) float32, of all blocks: columns of an array would be compiled a second time.
         gradient: (kinds, rows) float32 with respect to them, added to.
     """
 
@@ -125,8 +125,8 @@ def add_up(
                     total[number] += pairs[pair, number]
                 ends[tile - tiles.first] += 1
         record = records[seen.ids[entry]]
-        row = seen.ids[entry] - block.first
-        chunk, lane = row // CHUNK, row % CHUNK
+        row = seen.ids[entry]
+        chunk, lane = (row - block.first) // CHUNK, (row - block.first) % CHUNK
         _shape_gradient(record, block.geometry[chunk], lane, view, total, slopes)
         for axis in range(3):
             gradient[MOVE + axis, row] += _F(slopes[axis] * block.units[chunk, lane])
