@@ -18,7 +18,7 @@ TURN, SHIFT = np.array([0.02, -0.01, 0.03]), np.array([0.1, 0.2, -0.3])
 
 
 def at(camera: Camera, turn: np.ndarray = TURN, shift: np.ndarray = SHIFT, is_alone: bool = False) -> Viewpoint:
-    return Viewpoint(camera.K, camera.c2w, camera.width, camera.height, turn, shift, is_alone)
+    return Viewpoint.of(camera, turn, shift, is_alone)
 
 
 def moved_by(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:

@@ -62,6 +62,7 @@ def test_few_gaussians_show_the_photos_where_all_of_the_capture_do_not(torn) -> 
     assert stats.steps == stats.planned == 140 and not stats.is_cut_short
     for seen, given in zip(found.viewpoints, capture.cameras, strict=True):
         assert (seen.c2w == given.c2w).all() and (seen.K == given.K).all()
+        assert (seen.width, seen.height) == (given.width, given.height)
     assert tells(stats.text.replace(",", ""), f"{capture.count} {stats.kept}")
 
 

@@ -19,6 +19,7 @@ from ..render import Renderer, between, orbit
 from ..render.panorama import panorama, panorama_png
 from ..render.paths import halting, outside
 from ..scene.cameras import Camera
+from ..scene.frusta import middle_depth
 from ..scene.pictures import png_bytes
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 from .files import read_file, write_file, write_json
@@ -199,5 +200,4 @@ def _cameras(gaussians: Gaussians, camera: str | None) -> tuple[Camera, ...]:
 
 def _median_depth(gaussians: Gaussians, camera: Camera) -> float:
     flat = gaussians.flat()
-    z = (flat.means.astype(np.float64) + flat.origin - camera.centre) @ camera.rotation[2]
-    return float(np.median(z[z > 0])) if (z > 0).any() else 1.0
+    return middle_depth(flat.means.astype(np.float64) + flat.origin, camera)

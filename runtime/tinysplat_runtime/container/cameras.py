@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, InputError
 from ..scene.cameras import MAX_IMAGE_SIDE, MAX_POSITION, Camera
-from ..scene.viewpoints import Viewpoint, steps
+from ..scene.viewpoints import Viewpoint, viewpoint_of
 from . import layout as L
 from .columns import packed_columns, read_columns
 from .sections import Cursor, NewSection, Section
@@ -37,9 +37,8 @@ def camera_sections(cameras: Sequence[Camera]) -> list[NewSection]:
     rows = [(*intrinsics(c.K), c.width, c.height, *c.c2w[:3].ravel()) for c in cameras]
     sections = [NewSection(L.CAMERAS, 0, packed_columns(np.array(rows, np.float64)))] if rows else []
     if any(isinstance(camera, Viewpoint) for camera in cameras):
-        alone = [[float(isinstance(camera, Viewpoint) and camera.is_alone)] for camera in cameras]
-        columns = packed_columns(np.hstack([steps(cameras).reshape(-1, STEP_COLUMNS - 1), alone]))
-        sections.append(NewSection(L.STEPS, 0, columns, is_required=False))
+        found = [(*one.turn, *one.shift, one.is_alone) for one in map(viewpoint_of, cameras)]
+        sections.append(NewSection(L.STEPS, 0, packed_columns(np.array(found, np.float64)), is_required=False))
     return sections
 
 
@@ -66,7 +65,7 @@ def with_steps(cameras: Sequence[Camera], section: Section) -> tuple[Camera, ...
         turn, shift, alone = step[:3], step[3:6], step[6]
         is_step = np.isfinite(step).all() and np.abs(turn).max() <= MOST_TURN and np.abs(shift).max() <= MAX_POSITION
         cursor.require(bool(is_step) and alone in (0, 1), f"view {view}: a step of {step.tolist()}")
-        found.append(Viewpoint(camera.K, camera.c2w, camera.width, camera.height, turn, shift, bool(alone)))
+        found.append(Viewpoint.of(camera, turn, shift, bool(alone)))
     return tuple(found)
 
 

@@ -100,13 +100,17 @@ class FreeGaussians:
         """(N,) float64."""
         return opacities_of(self.values[LOGIT, : self.count])
 
+    @property
+    def _means(self) -> NDArray:
+        return self._start.means + self._units[:, None] * self.values[MOVE:LOG_SCALE, : self.count].T.astype(np.float64)
+
     def gaussians(self) -> Gaussians:
         """As they stand."""
         own = self.values[:, : self.count].astype(np.float64)
         planes = [piece.sh.reshape(len(piece.sh), -1, CHUNK).swapaxes(1, 2) for piece in self.pieces]
         sh = np.concatenate(planes).reshape(-1, *self._start.sh.shape[1:])[: self.count]
         fields: dict[str, Any] = {
-            "means": self._start.means + self._units[:, None] * own[MOVE:LOG_SCALE].T,
+            "means": self._means,
             "scales": np.exp(own[LOG_SCALE:TURN]).T,
             "quats": normalize_quats(own[TURN:LOGIT].T),
             "opacities": self.opacities,
@@ -118,9 +122,8 @@ class FreeGaussians:
         """(N, 3) float64 means in the world, and (N, 3) a loss's gradient with respect to them, of one with respect to
         `values`.
         """
-        moved, slopes = (array[MOVE:LOG_SCALE, : self.count].T.astype(np.float64) for array in (self.values, gradient))
-        units = self._units[:, None]
-        return self._start.origin + self._start.means + units * moved, slopes / units
+        slopes = gradient[MOVE:LOG_SCALE, : self.count].T.astype(np.float64)
+        return self._start.origin + self._means, slopes / self._units[:, None]
 
     def kept(self, keep: NDArray) -> FreeGaussians:
         """Those of a mask (N,) bool, as they are now."""

@@ -28,3 +28,9 @@ def sees(camera: Camera, points: NDArray, near: float, far: float) -> NDArray:
     pixels = local @ camera.K.T
     inside = ((pixels[:, :2] >= 0) & (pixels[:, :2] <= pixels[:, 2:] * (camera.width, camera.height))).all(axis=1)
     return inside & (z > near / 2) & (z < 2 * far)
+
+
+def middle_depth(points: NDArray, camera: Camera) -> float:
+    """The median depth z of the world points (P, 3) that lie before a camera, scene units; 1 where none does."""
+    z = (points - camera.centre) @ camera.rotation[2]
+    return float(np.median(z[z > 0])) if (z > 0).any() else 1.0

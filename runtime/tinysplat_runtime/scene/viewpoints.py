@@ -44,6 +44,16 @@ class Viewpoint(Camera):
         for name in ("turn", "shift"):
             object.__setattr__(self, name, finite_array(name, getattr(self, name), (3,)))
 
+    @classmethod
+    def of(cls, camera: Camera, turn: NDArray, shift: NDArray, is_alone: bool = False) -> Viewpoint:
+        """A camera with a step."""
+        return cls(camera.K, camera.c2w, camera.width, camera.height, turn, shift, is_alone)
+
+
+def viewpoint_of(camera: Camera) -> Viewpoint:
+    """A camera as it is, with a step of nothing where it has none."""
+    return camera if isinstance(camera, Viewpoint) else Viewpoint.of(camera, np.zeros(3), np.zeros(3))
+
 
 def stepped(camera: Camera, turn: NDArray, shift: NDArray) -> Camera:
     """A camera turned by a rotation vector (3,) and moved by (3,) scene units, both in its axes."""
@@ -60,18 +70,13 @@ def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> Camera:
         return camera
     apart = distances(camera, viewpoints)
     if apart.min() > SAME:
-        alone = np.array([isinstance(viewpoint, Viewpoint) and viewpoint.is_alone for viewpoint in viewpoints])
+        alone = np.array([viewpoint_of(viewpoint).is_alone for viewpoint in viewpoints])
         apart[alone] += np.ptp(apart) + 1
     nearest = np.argsort(apart, kind="stable")[:NEAREST]
     shares = 1 / np.maximum(apart[nearest], SAME)
-    turn, shift = np.einsum("v,vij->ij", shares / shares.sum(), steps([viewpoints[n] for n in nearest]))
+    steps = np.array([[near.turn, near.shift] for near in (viewpoint_of(viewpoints[n]) for n in nearest)])
+    turn, shift = np.einsum("v,vij->ij", shares / shares.sum(), steps)
     return stepped(camera, turn, shift)
-
-
-def steps(viewpoints: Sequence[Camera]) -> NDArray:
-    """(V, 2, 3) float64: turn and shift of each, zero of those that have none."""
-    nothing = np.zeros((2, 3))
-    return np.array([[v.turn, v.shift] if isinstance(v, Viewpoint) else nothing for v in viewpoints]).reshape(-1, 2, 3)
 
 
 def distances(camera: Camera, viewpoints: Sequence[Camera]) -> NDArray:

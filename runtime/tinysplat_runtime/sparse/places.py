@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.cameras import Camera
+from ..scene.frusta import middle_depth
 from ..scene.viewpoints import NEAREST, Viewpoint, distances, stepped
 from .settings import Settings
 
@@ -34,7 +35,8 @@ class Places:
     def __init__(self, cameras: Sequence[Camera], means: NDArray, settings: Settings) -> None:
         """Of photos of Gaussians with (N, 3) `means`, in the world."""
         self.given, self.steps, self._settings = tuple(cameras), np.zeros((len(cameras), 6)), settings
-        self._depths = np.array([_middle_depth(means, camera) for camera in cameras])
+        self._axes = np.array([camera.c2w[:3, :3] for camera in cameras])
+        self._depths = np.array([middle_depth(means, camera) for camera in cameras])
         focals = np.array([camera.focal for camera in cameras])
         self._pixel = np.repeat(np.stack([1 / focals, self._depths / focals], axis=1), 3, axis=1)
         self._means, self._squares = np.zeros_like(self.steps), np.zeros_like(self.steps)
@@ -72,8 +74,8 @@ class Places:
         off = np.linalg.norm(shown - shown[near].mean(axis=1), axis=1)
         alone = off > ALONE * np.median(off)
         return tuple(
-            Viewpoint(c.K, c.c2w, c.width, c.height, step[:3], step[3:], bool(is_alone))
-            for c, step, is_alone in zip(self.given, self.steps, alone, strict=True)
+            Viewpoint.of(camera, step[:3], step[3:], bool(is_alone))
+            for camera, step, is_alone in zip(self.given, self.steps, alone, strict=True)
         )
 
     def _shown(self) -> NDArray:
@@ -82,12 +84,5 @@ class Places:
         return np.stack([turn[:, 0] - shift[:, 1], turn[:, 1] + shift[:, 0], turn[:, 2]], axis=1)
 
     def _centre(self) -> None:
-        axes = np.array([camera.c2w[:3, :3] for camera in self.given])
-        world = np.einsum("vij,vkj->vki", axes, self.steps.reshape(-1, 2, 3))
-        self.steps -= np.einsum("vji,kj->vki", axes, world.mean(axis=0)).reshape(-1, 6)
-
-
-def _middle_depth(means: NDArray, camera: Camera) -> float:
-    depths = (means - camera.centre) @ camera.c2w[:3, 2]
-    seen = depths[depths > 0]
-    return float(np.median(seen)) if seen.size else 1.0
+        world = np.einsum("vij,vkj->vki", self._axes, self.steps.reshape(-1, 2, 3))
+        self.steps -= np.einsum("vji,kj->vki", self._axes, world.mean(axis=0)).reshape(-1, 6)

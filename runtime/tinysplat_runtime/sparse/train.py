@@ -221,12 +221,14 @@ class _Training:
 
     def _exposed(self, view: int, smaller: int) -> Target:
         """A photo as it would be with the scene's exposure, and its camera where it stands."""
-        target = self._sizes[smaller][view]
-        if self._places:
-            target = replace(target, camera=self._places.seen(view, target.camera))
+        target = replace(self._sizes[smaller][view], camera=self._camera(view, smaller))
         if (self._gains[view] == 1).all():
             return target
         return replace(target, photo=target.photo / self._gains[view].astype(np.float32))
+
+    def _camera(self, view: int, smaller: int) -> Camera:
+        given = self._sizes[smaller][view].camera
+        return self._places.seen(view, given) if self._places else given
 
     def _look(self, way: float) -> None:
         """Drop what shows nothing; see how photos were exposed, and add what is wanting."""
@@ -266,7 +268,7 @@ class _Training:
         """Drop what photos hardly need; drawn at half their size, which tells it as well."""
         gaussians, settings = self._descent.field.gaussians(), self._settings
         shown = gaussians.opacities >= ALPHA_MIN
-        pictures = Pictures([self._exposed(view, 2).camera for view in range(len(self._gains))], self._run)
+        pictures = Pictures([self._camera(view, 2) for view in range(len(self._gains))], self._run)
         costs = np.zeros(gaussians.count)
         for sums in pictures.measure(gaussians.taken(shown), range(len(pictures.cameras))):
             costs[shown] += sums[:, COST]
