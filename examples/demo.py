@@ -102,7 +102,7 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
     with watch.stage("encode"):
         data = runtime.encode(capture.others, mode="list")
     (out / "walk.tsplat").write_bytes(data)
-    page = ["view", str(out / "walk.tsplat"), "--html", str(out / "walk.html"), "-q"]
+    page = ["view", str(out / "walk.tsplat"), "--html", str(out / "walk.html"), "-q", "--force"]
     subprocess.run([sys.executable, "-m", "tinysplat_runtime", *page], check=True)
     renderer = Renderer(runtime.decompress(data))
     photos, drawn = capture.targets.images(), list(map(renderer.render, capture.targets.cameras))
