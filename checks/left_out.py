@@ -15,11 +15,10 @@ from pathlib import Path
 
 import tinysplat_runtime as ts
 from tinysplat.measure.clock import cpu_of
-from tinysplat.measure.pictures import to_photos
+from tinysplat.measure.pictures import as_photos, to_photos
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.words import ALL
-from tinysplat_runtime.render import Renderer
 
 
 def main() -> int:
@@ -37,7 +36,7 @@ def main() -> int:
         _, cpu = cpu_of(lambda: subprocess.run([*map(str, command)], check=True))
         made, written = ts.load_gaussians(file), file.stat().st_size
     targets = scene.views(left_out).resized(size.height, size.width)
-    score = to_photos(map(Renderer(made).render, targets.cameras), targets)
+    score = to_photos(as_photos(made, targets.cameras), targets)
     figures = ", ".join(f"{name} {value:.3f}" for name, value in score.items())
     print(f"{path}: {len(kept)} photos given, {len(left_out)} drawn at {size.width}×{size.height}:")
     print(f"    {figures}; {written / 1000:.0f} KB, {cpu:.0f} processor seconds")

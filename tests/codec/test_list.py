@@ -250,7 +250,7 @@ def test_what_a_file_costs_does_not_depend_on_how_far_cameras_were_off() -> None
     flat = make_smooth_gaussians().flat()
 
     def stepped(turn: float) -> bytes:
-        views = (Viewpoint.of(camera, np.full(3, turn), np.zeros(3)) for camera in flat.viewpoints)
+        views = (Viewpoint.of(camera, turn=np.full(3, turn)) for camera in flat.viewpoints)
         return ts.Runtime(threads=1).compress(flat.changed(viewpoints=tuple(views)), keep_all=True)
 
     near, far = stepped(0.001), stepped(0.05)

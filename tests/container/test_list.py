@@ -132,16 +132,18 @@ def test_steps_of_cameras_are_kept_and_those_that_are_none_are_refused() -> None
         np.array([1e-3, -2e-3, 0]),
         np.array([0, 1e-2, 3e-2]),
     )
-    given = [Viewpoint(K, np.eye(4), 24, 18, turn, shift, True), Camera(K, np.eye(4), 24, 18)]
+    gain = np.array([0.5, 1.5, 2])
+    given = [Viewpoint(K, np.eye(4), 24, 18, turn, shift, True, gain), Camera(K, np.eye(4), 24, 18)]
     rounded = rounded_cameras(given, np.zeros(3))
     written = sections_of(write_container(Head(rounded, np.zeros(3), "max", 0.0), (), (), 1, views=1))[:3]
     rest = sections_of(file())[1:]
     first, second = read_container(file_of([*written, *rest])).body.viewpoints
-    np.testing.assert_allclose([first.turn, first.shift], [turn, shift], rtol=1e-6)
+    np.testing.assert_allclose([first.turn, first.shift, first.gain], [turn, shift, gain], rtol=1e-6)
     assert first.is_alone and not second.is_alone and not second.turn.any() and not second.shift.any()
-    columns = np.array([[*turn, *shift, 1], [0] * 7])
-    for place, wrong in ((0, np.nan), (1, 9.0), (4, np.inf), (5, 1e16), (6, 0.5)):
-        columns[1] = 0
+    assert (second.gain == 1).all()
+    columns = np.array([[*turn, *shift, 1, *gain], [0] * 7 + [1] * 3])
+    for place, wrong in ((0, np.nan), (1, 9.0), (4, np.inf), (5, 1e16), (6, 0.5), (7, 0), (8, 2000), (9, np.nan)):
+        columns[1] = [0] * 7 + [1] * 3
         columns[1, place] = wrong
         with refusing(FormatError, "STEP view 1"):
             read_container(file_of([*written[:2], [b"STEP", 0, 0, packed_columns(columns)], *rest]))

@@ -59,6 +59,12 @@ def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float
     return statistics.fmean(psnr(a, b) for a, b in zip(images, references, strict=True))
 
 
+def as_photos(gaussians: Gaussians, cameras: Sequence[Camera], threads: int | None = None) -> list[NDArray]:
+    """(H, W, 3) float32 each, of Gaussians at photos' cameras, exposed as the nearest photos that they know."""
+    draw = partial(Renderer(gaussians, threads).render, exposed=True)
+    return [draw(camera) for camera in cameras]
+
+
 def to_photos(pictures: Iterable[NDArray], targets: Scene) -> dict[str, float]:
     """Means of what pictures are judged by against photos left out (`metrics.judged`), and their worst dB."""
     scores = [judged(picture, frame.judged()) for picture, frame in zip(pictures, targets.frames, strict=True)]

@@ -20,11 +20,15 @@ COLUMNS = 19
 
 INTRINSICS = 5
 
-STEP_COLUMNS = 7
-"""A rotation vector in radians and a shift in scene units, in the camera's axes; 1 where it is the camera's alone."""
+STEP_COLUMNS = 10
+"""A rotation vector in radians and a shift in scene units, in the camera's axes; 1 where it is the camera's alone;
+gains of red, green and blue."""
 
 MOST_TURN = 4.0
 """Radians; more than half a turn about any axis."""
+
+MOST_GAIN = 1024.0
+"""Of a colour; the least is its inverse."""
 
 
 def intrinsics(K: NDArray) -> tuple[float, ...]:
@@ -37,7 +41,7 @@ def camera_sections(cameras: Sequence[Camera]) -> list[NewSection]:
     rows = [(*intrinsics(c.K), c.width, c.height, *c.c2w[:3].ravel()) for c in cameras]
     sections = [NewSection(L.CAMERAS, 0, packed_columns(np.array(rows, np.float64)))] if rows else []
     if any(isinstance(camera, Viewpoint) for camera in cameras):
-        found = [(*one.turn, *one.shift, one.is_alone) for one in map(viewpoint_of, cameras)]
+        found = [(*one.turn, *one.shift, one.is_alone, *one.gain) for one in map(viewpoint_of, cameras)]
         sections.append(NewSection(L.STEPS, 0, packed_columns(np.array(found, np.float64)), is_required=False))
     return sections
 
@@ -50,7 +54,8 @@ def rounded_cameras(cameras: Sequence[Camera], origin: NDArray) -> tuple[Camera,
         c2w[:3, 3] = (camera.centre - origin).astype(np.float32) + origin
         narrow = replace(camera, K=camera.K.astype(np.float32), c2w=c2w)
         if isinstance(narrow, Viewpoint):
-            narrow = replace(narrow, turn=narrow.turn.astype(np.float32), shift=narrow.shift.astype(np.float32))
+            fields = {name: getattr(narrow, name).astype(np.float32) for name in ("turn", "shift", "gain")}
+            narrow = replace(narrow, **fields)
         rounded.append(narrow)
     return tuple(rounded)
 
@@ -62,10 +67,11 @@ def with_steps(cameras: Sequence[Camera], section: Section) -> tuple[Camera, ...
     cursor.finish()
     found = []
     for view, (camera, step) in enumerate(zip(cameras, numbers, strict=True)):
-        turn, shift, alone = step[:3], step[3:6], step[6]
+        turn, shift, alone, gain = step[:3], step[3:6], step[6], step[7:]
         is_step = np.isfinite(step).all() and np.abs(turn).max() <= MOST_TURN and np.abs(shift).max() <= MAX_POSITION
+        is_step &= gain.min() >= 1 / MOST_GAIN and gain.max() <= MOST_GAIN
         cursor.require(bool(is_step) and alone in (0, 1), f"view {view}: a step of {step.tolist()}")
-        found.append(Viewpoint.of(camera, turn, shift, bool(alone)))
+        found.append(Viewpoint.of(camera, turn=turn, shift=shift, is_alone=bool(alone), gain=gain))
     return tuple(found)
 
 

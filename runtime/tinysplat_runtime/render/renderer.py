@@ -126,6 +126,7 @@ class Renderer:
         outputs: Sequence[str] = ("rgb",),
         background: ArrayLike = (0.0, 0.0, 0.0),
         near_plane: float = NEAR_PLANE,
+        exposed: bool = False,
     ) -> Any:
         """Render one frame; see `render` for arguments, result and errors."""
         outputs = _checked_outputs(outputs)
@@ -135,11 +136,11 @@ class Renderer:
             camera = camera.resized(*_checked_size(size))
         if not (isinstance(near_plane, Real) and 0 <= near_plane < math.inf):
             raise InputError(f"{near_plane!r}, expected a finite number ≥ 0 in scene units", where="near_plane")
-        camera = corrected(camera, self._viewpoints)
+        camera, gain = corrected(camera, self._viewpoints)
         with self._lock:
             canvas = self._draw(View.of(camera, self._origin, float(near_plane)), "depth" in outputs)
         makers: dict[str, Callable[[], NDArray]] = {
-            "rgb": lambda: _rgb(canvas, colour),
+            "rgb": lambda: _rgb(canvas, colour, gain if exposed else np.ones(3)),
             "depth": lambda: _depth(canvas),
             "alpha": lambda: np.float32(1) - canvas.left,
         }
@@ -214,6 +215,7 @@ class PictureOptions(TypedDict, total=False):
     outputs: Sequence[str]
     background: ArrayLike
     near_plane: float
+    exposed: bool
 
 
 def render(
@@ -247,6 +249,8 @@ def render(
         outputs: any of "rgb", "depth", "alpha".
         background: (3,) colour behind the Gaussians.
         near_plane: scene units.
+        exposed: "rgb" of a trained list is as bright and as coloured as the nearest of its photos, so that it can be
+            held against a photo, and not as most of them.
 
     Returns:
         (H, W, 3) float32 in [0, 1] where "rgb" alone is asked for, otherwise a dictionary of arrays by name: "rgb",
@@ -283,8 +287,10 @@ def _compiled_module(required: bool) -> ModuleType | None:
     return compiled
 
 
-def _rgb(canvas: Canvas, background: NDArray) -> NDArray:
+def _rgb(canvas: Canvas, background: NDArray, gain: NDArray) -> NDArray:
     image = canvas.colour
+    if (gain != 1).any():
+        image *= gain.astype(np.float32)
     if background.any():
         image += canvas.left[..., None] * background
     return np.clip(image, 0, 1, out=image)

@@ -1,7 +1,7 @@
-"""Where photos were taken: cameras as they were given, and how far the photos themselves contradict them.
+"""How photos were taken: cameras as they were given, how far the photos contradict them, and how they were exposed.
 
-Poses of apps and of long recordings drift, by a pixel and more. Neighbours drift alike, so a camera that nobody has
-corrected is corrected as those beside it.
+Poses of apps and of long recordings drift, by a pixel and more, and so does exposure. Neighbours drift alike, so a
+camera that nobody has corrected is corrected as those beside it.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from .cameras import Camera, finite_array, posed
 
 NEAREST = 2
@@ -24,35 +26,40 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint(Camera):
-    """A photo's camera as it was given, and the step from there to where its photo fits the scene, in its axes.
+    """A photo's camera as it was given, the step from there to where its photo fits the scene, in its axes, and how the
+    photo was exposed.
 
     Attributes:
         turn: (3,) float64 rotation vector, radians.
         shift: (3,) float64, scene units.
         is_alone: its neighbours' steps contradict its own, by which no other camera is then corrected.
+        gain: (3,) float64, by what red, green and blue of the scene are multiplied in the photo.
 
     Raises:
-        InputError: one of them is not finite, or as `Camera`.
+        InputError: one of them is not finite, a gain not above 0, or as `Camera`.
     """
 
     turn: NDArray = field(default_factory=lambda: np.zeros(3))
     shift: NDArray = field(default_factory=lambda: np.zeros(3))
     is_alone: bool = False
+    gain: NDArray = field(default_factory=lambda: np.ones(3))
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("turn", "shift"):
+        for name in ("turn", "shift", "gain"):
             object.__setattr__(self, name, finite_array(name, getattr(self, name), (3,)))
+        if not (self.gain > 0).all():
+            raise InputError(f"{self.gain.tolist()}, expected numbers above 0", where="gain")
 
     @classmethod
-    def of(cls, camera: Camera, turn: NDArray, shift: NDArray, is_alone: bool = False) -> Viewpoint:
-        """A camera with a step."""
-        return cls(camera.K, camera.c2w, camera.width, camera.height, turn, shift, is_alone)
+    def of(cls, camera: Camera, **seen: Any) -> Viewpoint:
+        """A camera with some of `turn`, `shift`, `is_alone` and `gain`."""
+        return cls(camera.K, camera.c2w, camera.width, camera.height, **seen)
 
 
 def viewpoint_of(camera: Camera) -> Viewpoint:
-    """A camera as it is, with a step of nothing where it has none."""
-    return camera if isinstance(camera, Viewpoint) else Viewpoint.of(camera, np.zeros(3), np.zeros(3))
+    """A camera as it is, with a step of nothing and gains of 1 where it has none."""
+    return camera if isinstance(camera, Viewpoint) else Viewpoint.of(camera)
 
 
 def stepped(camera: Camera, turn: NDArray, shift: NDArray) -> Camera:
@@ -62,21 +69,22 @@ def stepped(camera: Camera, turn: NDArray, shift: NDArray) -> Camera:
     return Camera(camera.K, c2w, camera.width, camera.height)
 
 
-def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> Camera:
-    """A camera that is given as the viewpoints were, as it stands in the scene: by the steps of the nearest of them,
-    each the more the nearer it is; as it is where none has a step.
+def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> tuple[Camera, NDArray]:
+    """A camera that is given as the viewpoints were, as it stands in the scene, and the (3,) gain of a photo there: by
+    the nearest of them, each the more the nearer it is; as it is, and 1, where none has a step or gain.
     """
     if not any(isinstance(viewpoint, Viewpoint) for viewpoint in viewpoints):
-        return camera
+        return camera, np.ones(3)
     apart = distances(camera, viewpoints)
     if apart.min() > SAME:
         alone = np.array([viewpoint_of(viewpoint).is_alone for viewpoint in viewpoints])
         apart[alone] += np.ptp(apart) + 1
     nearest = np.argsort(apart, kind="stable")[:NEAREST]
     shares = 1 / np.maximum(apart[nearest], SAME)
-    steps = np.array([[near.turn, near.shift] for near in (viewpoint_of(viewpoints[n]) for n in nearest)])
-    turn, shift = np.einsum("v,vij->ij", shares / shares.sum(), steps)
-    return stepped(camera, turn, shift)
+    near = [viewpoint_of(viewpoints[n]) for n in nearest]
+    seen = np.array([[one.turn, one.shift, np.log(one.gain)] for one in near])
+    turn, shift, log_gain = np.einsum("v,vij->ij", shares / shares.sum(), seen)
+    return stepped(camera, turn, shift), np.exp(log_gain)
 
 
 def distances(camera: Camera, viewpoints: Sequence[Camera]) -> NDArray:

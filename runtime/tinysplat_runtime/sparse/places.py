@@ -74,7 +74,7 @@ class Places:
         off = np.linalg.norm(shown - shown[near].mean(axis=1), axis=1)
         alone = off > ALONE * np.median(off)
         return tuple(
-            Viewpoint.of(camera, step[:3], step[3:], bool(is_alone))
+            Viewpoint.of(camera, turn=step[:3], shift=step[3:], is_alone=bool(is_alone))
             for camera, step, is_alone in zip(self.given, self.steps, alone, strict=True)
         )
 

@@ -18,7 +18,6 @@ class Settings:
         pace: how far a step goes.
         functions: SH functions of every Gaussian: 1, 4 or 9.
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
-        exposure: smallest |log gain| of a photo's colour that is believed.
         place: how far a photo's camera moves in a step, at the start, pixels; those of few photos stay.
         placed: share of the way after which cameras begin to move.
         alone, most_absent: how far the share of pixels that show what no other photo shows finer surpasses `alone` is
@@ -48,7 +47,6 @@ class Settings:
     pace: Pace = PACE
     functions: int = 4
     structure: float = 0.2
-    exposure: float = 0.02
     place: float = 0.05
     placed: float = 0.1
     alone: float = 0.4

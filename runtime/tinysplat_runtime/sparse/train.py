@@ -30,6 +30,7 @@ from ..render import DEFINITION, Renderer
 from ..render.gradient import Target
 from ..render.prepare import ALPHA_MIN
 from ..scene.cameras import Camera
+from ..scene.viewpoints import viewpoint_of
 from ..system.threads import Crew, available_cores
 from ..system.told import NOBODY, Told
 from . import BYTES_EACH, DEFAULT_SECONDS, FEW_PHOTOS, KEPT, start, usual_steps
@@ -202,7 +203,9 @@ class _Training:
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
         stats.kept, stats.psnr = gaussians.count, tuple(error.psnr for error in errors)
         stats.gains = tuple(map(tuple, self._gains.tolist()))
-        return replace(gaussians, viewpoints=self._places.viewpoints() if self._places else tuple(self._cameras))
+        placed = self._places.viewpoints() if self._places else self._cameras
+        seen = (replace(viewpoint_of(camera), gain=gain) for camera, gain in zip(placed, self._gains, strict=True))
+        return replace(gaussians, viewpoints=tuple(seen))
 
     def _step(self, view: int, way: float) -> float:
         """Towards a photo, at a share of the way; its dB before."""
@@ -261,7 +264,8 @@ class _Training:
             logs.append([log_gain(shown[:, colour], photo[:, colour]) for colour in range(3)])
             error = np.where(known[..., None], picture - exposed.photo, np.float32(0))
             wrong.append(smoothed(np.abs(error).sum(axis=-1)))
-        self._gains = _gains(np.array(logs), self._settings.exposure)
+        # The median of each colour is 1: a photo that is exposed otherwise makes the scene neither darker nor brighter
+        self._gains = np.exp(logs - np.median(logs, axis=0))
         return wrong
 
     def _spare(self) -> None:
@@ -288,14 +292,3 @@ class _Training:
     @property
     def _cameras(self) -> Sequence[Camera]:
         return [target.camera for target in self._sizes[1]]
-
-
-def _gains(logs: NDArray, certain: float) -> NDArray:
-    """(V, 3) gains of photos by the logarithms of what was measured, the median of each colour 1: one that is exposed
-    otherwise makes the scene neither darker nor brighter.
-
-    Photos that nobody has seen have gains of their own, near 1. So only what surpasses `certain` is taken from a photo;
-    the rest stays in the scene.
-    """
-    apart = logs - np.median(logs, axis=0)
-    return np.exp(np.sign(apart) * np.maximum(np.abs(apart) - certain, 0))

@@ -19,11 +19,10 @@ from tinysplat_runtime.codec.modes import DEFAULT_MODE
 from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.scenes import Scene
 
 from ..clock import cpu_of
-from ..pictures import to_photos
+from ..pictures import as_photos, to_photos
 from ..rows import Row
 from ..show.tables import ABSENT, Cell, Listing, decibels, digits, kilobytes, said
 from ..study import Run, Study
@@ -79,7 +78,7 @@ def _row(run: Run, name: str, kind: str, given: Scene, targets: Scene) -> Row:
     decoded = run.runtime.decompress(made.data)
     setting = {"kind": kind, "photos": len(made.photos.frames), "size": f"{camera.width}×{camera.height}"}
     setting |= {"drawn": f"{width}×{height}", "model": run.model}
-    figures = to_photos(map(Renderer(decoded, run.threads).render, targets.cameras), targets)
+    figures = to_photos(as_photos(decoded, targets.cameras, run.threads), targets)
     figures |= {"bytes": len(made.data), "gaussians": decoded.count}
     return Row(STUDY, name, stats.mode, setting, figures, {"cpu": cpu, **stats.watch.seconds})
 

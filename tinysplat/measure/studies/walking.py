@@ -37,7 +37,7 @@ from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
-from ..pictures import to_photos
+from ..pictures import as_photos, to_photos
 from ..rows import Row, grouped, of_study
 from ..show.plots import Panel, save_panels
 from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
@@ -80,7 +80,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
 
     def drawn(gaussians: Gaussians) -> tuple[dict[str, float], float]:
         """What the pictures are like, and the CPU seconds of one."""
-        pictures, cpu = cpu_of(lambda: list(map(Renderer(gaussians, run.threads).render, cameras)))
+        pictures, cpu = cpu_of(lambda: as_photos(gaussians, cameras, run.threads))
         return to_photos(pictures, capture.targets), cpu / len(cameras)
 
     def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> tuple[Row, bytes]:
