@@ -32,6 +32,8 @@ class Pace:
             the start; `sh` of degree 0, `sh_rest` of those above.
         fade: by how much every logit of opacity falls in a step, at the start: what no picture needs goes.
         last: what is left of all of them at the end; they fall evenly on a logarithmic scale.
+        averaged: share of the way, at the end, whose values are averaged: steps down single pictures' gradients go to
+            and fro about what suits all (Polyak and Juditsky, 1992).
         momentum, memory, noise: Adam's β₁, β₂ and ε.
         looks: how often what has faded goes.
     """
@@ -44,6 +46,7 @@ class Pace:
     sh_rest: float = 0.0
     fade: float = 0.0
     last: float = 0.1
+    averaged: float = 0.0
     momentum: float = 0.9
     memory: float = 0.99
     noise: float = 1e-3
@@ -58,6 +61,31 @@ class Pace:
     def left(self, way: float) -> float:
         """What is left of all changes, at a share of the way."""
         return self.last ** min(way, 1)
+
+    def is_averaged(self, way: float) -> bool:
+        """Whether values count at a share of the way."""
+        return way > 1 - self.averaged
+
+
+@dataclass
+class RunningMean:
+    """The mean of arrays of one shape that come one by one.
+
+    Attributes:
+        value: float64 or float32, of those that came; None before the first.
+        count: how many came.
+    """
+
+    value: NDArray | None = None
+    count: int = 0
+
+    def take(self, array: NDArray) -> None:
+        """One more."""
+        self.count += 1
+        if self.value is None:
+            self.value = array.copy()
+        else:
+            self.value += (array - self.value) / self.value.dtype.type(self.count)
 
 
 class Descent:
@@ -105,13 +133,23 @@ class Descent:
         if pace.fade:
             self.field.values[LOGIT] -= np.float32(pace.fade * pace.left(way))
         self.field.place()
+        if pace.is_averaged(way):
+            self._mean.take(self.field.values[:, : self.field.count])
         return error
+
+    def settle(self) -> None:
+        """Go on from the mean of the values that were averaged, if any were since Gaussians were added."""
+        if self._mean.value is not None:
+            self.field.values[:, : self.field.count] = self._mean.value
+            self.field.place()
 
     def keep(self, keep: NDArray) -> None:
         """Go on with those of a mask (N,) bool."""
-        means = self.means
+        means, mean = self.means, self._mean
         self._begin(self.field.kept(keep))
         self.means[..., : self.field.count] = means[..., : keep.size][..., keep]
+        if mean.value is not None:
+            self._mean = RunningMean(mean.value[:, keep], mean.count)
 
     def add(self, field: FreeGaussians) -> None:
         """Go on with a field whose first Gaussians are these."""
@@ -123,6 +161,7 @@ class Descent:
         self.field = field
         self.means = np.zeros((2, *field.values.shape), np.float32)
         self.gradient = np.zeros_like(field.values)
+        self._mean = RunningMean()
 
 
 def _without(logits: NDArray, absent: NDArray) -> NDArray:

@@ -10,7 +10,7 @@ are not made smaller: of about the size that it was trained at, it finds most, a
 KEPT, BYTES_EACH = 0.55, 12.5
 """Share of these that is left at the end, and bytes that a file takes for each, about."""
 
-STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 60, 800, 4_000
+STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 45, 800, 4_000
 """Usual steps: so many a photo, between these."""
 
 FEW_PHOTOS, STEPS_OF_FEW, LEAST_OF_FEW = 6, 100, 450

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..refine.descent import RunningMean
 from ..scene.cameras import Camera
 from ..scene.frusta import middle_depth
 from ..scene.viewpoints import NEAREST, Viewpoint, distances, stepped
@@ -40,17 +41,16 @@ class Places:
         focals = np.array([camera.focal for camera in cameras])
         self._pixel = np.repeat(np.stack([1 / focals, self._depths / focals], axis=1), 3, axis=1)
         self._means, self._squares = np.zeros_like(self.steps), np.zeros_like(self.steps)
-        self._taken = np.zeros(len(cameras))
+        self._taken, self._mean = np.zeros(len(cameras)), RunningMean()
 
     def seen(self, view: int, camera: Camera) -> Camera:
         """A photo's camera, of any size, where the photo now stands."""
         turn, shift = np.split(self.steps[view], 2)
         return stepped(camera, turn, shift)
 
-    def correct(self, view: int, means: NDArray, gradient: NDArray, left: float) -> None:
-        """Take a step down the gradient of a photo's loss with respect to (N, 3) `means`, both in the world.
-
-        `left` is what is left of the steps' size.
+    def correct(self, view: int, means: NDArray, gradient: NDArray, way: float) -> None:
+        """Take a step down the gradient of a photo's loss with respect to (N, 3) `means`, both in the world, at a share
+        of the way.
         """
         camera = self.seen(view, self.given[view])
         moved = np.concatenate([np.cross(means - camera.centre, gradient).sum(axis=0), gradient.sum(axis=0)])
@@ -62,8 +62,16 @@ class Places:
         self._squares[view] += (1 - MEMORY) * (slope * slope - self._squares[view])
         mean = self._means[view] / (1 - MOMENTUM ** self._taken[view])
         size = np.sqrt(self._squares[view] / (1 - MEMORY ** self._taken[view]))
-        self.steps[view] -= self._settings.place * left * self._pixel[view] * mean / np.maximum(size, 1e-30)
+        length = self._settings.place * self._settings.pace.left(way)
+        self.steps[view] -= length * self._pixel[view] * mean / np.maximum(size, 1e-30)
         self._centre()
+        if self._settings.pace.is_averaged(way):
+            self._mean.take(self.steps)
+
+    def settle(self) -> None:
+        """Go on from the mean of the steps that were averaged, if any were."""
+        if self._mean.value is not None:
+            self.steps = self._mean.value
 
     def viewpoints(self) -> tuple[Camera, ...]:
         """The cameras as they were given, with their steps."""

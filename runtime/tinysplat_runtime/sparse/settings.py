@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ..errors import InputError
 from ..refine.descent import Pace
 
-PACE = Pace(log_scale=0.03, turn=0.01, sh=0.015, sh_rest=0.002, last=0.25)
+PACE = Pace(log_scale=0.03, turn=0.01, sh=0.015, sh_rest=0.002, last=0.4, averaged=0.1)
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,11 @@ class Settings:
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         place: how far a photo's camera moves in a step, at the start, pixels; those of few photos stay.
         placed: share of the way after which cameras begin to move.
-        alone, most_absent: how far the share of pixels that show what no other photo shows finer surpasses `alone` is
-            the share of the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at
-            the end, `most_absent` at most. So none relies on others to correct it where few photos would tell
-            (DropGaussian, arXiv 2504.00773).
+        alone, crowded, most_absent: how far the share of pixels that show what no other photo shows finer surpasses
+            `alone`, or six times how far Gaussians for each of the photos' pixels surpass `crowded`, is the share of
+            the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at the end,
+            `most_absent` at most. So none relies on others to correct it where few photos, or few of their pixels,
+            would tell (DropGaussian, arXiv 2504.00773).
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         detail, overlap: how many Gaussians there may be, over the sum of the root of contrast over the surface's
             pixels; more where more than `overlap` photos show each, by the root of how many, as they tell finer detail,
@@ -50,6 +51,7 @@ class Settings:
     place: float = 0.05
     placed: float = 0.1
     alone: float = 0.4
+    crowded: float = 0.045
     most_absent: float = 0.3
     quarter: float = 0.25
     half: float = 0.4

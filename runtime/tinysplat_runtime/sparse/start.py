@@ -42,6 +42,7 @@ class Surface:
         needed: how many Gaussians show it.
         texture: mean root of its contrast.
         alone: share of the photos' pixels that show what no other photo shows finer: 1 where none overlap.
+        crowded: how many Gaussians are needed for each of the photos' pixels.
     """
 
     capture: Gaussians
@@ -49,6 +50,7 @@ class Surface:
     needed: int
     texture: float
     alone: float
+    crowded: float
 
     @classmethod
     def of(cls, capture: Gaussians, photos: Sequence[NDArray], settings: Settings, run_jobs: Callable) -> Surface:
@@ -69,7 +71,8 @@ class Surface:
         finer *= min(max(1 / math.sqrt(settings.overlap * alone), least), MOST_DETAIL)
         needed = round(settings.detail * finer * float(roots.sum(dtype=np.float64)))
         needed = min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS)
-        return cls(capture, weights, needed, float(roots.mean()), alone)
+        crowded = needed / (len(photos) * photos[0][..., 0].size)
+        return cls(capture, weights, needed, float(roots.mean()), alone, crowded)
 
     def first(self, count: int, settings: Settings) -> Gaussians:
         """Gaussians (about `count`,) drawn from it, the more the more texture there is."""

@@ -41,6 +41,9 @@ from .settings import Budget, Settings
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
 
+CROWD = 6.0
+"""Share of the Gaussians that are absent, for each that a photo's pixel would have to tell too many."""
+
 
 @dataclass
 class TrainStats:
@@ -171,7 +174,8 @@ class _Training:
         fitting = max(round(budget.size / (KEPT * BYTES_EACH)), 1) if budget.size else surface.needed
         self._count = stats.asked = min(surface.needed, budget.gaussians or surface.needed, fitting)
         self.usual_steps = usual_steps(len(targets), surface.texture)
-        self._absent = float(np.clip(surface.alone - settings.alone, 0, settings.most_absent))
+        untold = max(surface.alone - settings.alone, CROWD * (surface.crowded - settings.crowded))
+        self._absent = float(np.clip(untold, 0, settings.most_absent))
         begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
@@ -197,7 +201,10 @@ class _Training:
             yield stats.steps
 
     def result(self) -> Gaussians:
-        """As they stand."""
+        """As they stood on the mean in the last steps."""
+        self._descent.settle()
+        if self._places:
+            self._places.settle()
         self._drop()
         gaussians, stats = self._descent.field.gaussians(), self._stats
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
@@ -219,7 +226,7 @@ class _Training:
         descent, weight = self._descent, smaller * smaller
         error = descent.step(target, way, weight=weight, structure=settings.structure, absent=absent)
         if self._places and way >= settings.placed:
-            self._places.correct(view, *descent.field.pulled(descent.gradient), settings.pace.left(way))
+            self._places.correct(view, *descent.field.pulled(descent.gradient), way)
         return error.psnr
 
     def _exposed(self, view: int, smaller: int) -> Target:
