@@ -16,7 +16,7 @@ from tinysplat_runtime.refine.descent import Pace
 from tinysplat_runtime.render import DEFINITION, render
 from tinysplat_runtime.render.gradient import Target
 from tinysplat_runtime.sparse.pictures import own_pictures
-from tinysplat_runtime.sparse.settings import Budget, Settings
+from tinysplat_runtime.sparse.settings import PACE, Budget, Settings
 from tinysplat_runtime.sparse.train import TrainStats, trained
 
 AT_MOST = 700
@@ -79,6 +79,19 @@ def test_photos_of_different_exposure_are_as_good_as_others(torn) -> None:
     found = trained(capture, darker, Budget(AT_MOST, 210), threads=2)
     assert np.corrcoef([np.mean(seen.gain) for seen in found.viewpoints], gains)[0, 1] > 0.9
     assert mean_psnr(found, darker, exposed=True) > mean_psnr(found, darker) + 3
+
+
+def test_the_mean_of_the_last_steps_shows_photos_better_than_the_last_step(torn) -> None:
+    capture, targets = torn
+    noise = np.random.default_rng(0)
+    noisy = [
+        replace(one, photo=one.photo + noise.normal(0, 0.1, one.photo.shape).astype(np.float32)) for one in targets
+    ]
+    mean, last = (
+        trained(capture, noisy, Budget(AT_MOST, 210), threads=2, settings=Settings(pace=replace(PACE, averaged=share)))
+        for share in (PACE.averaged, 0.0)
+    )
+    assert mean_psnr(mean, targets) > mean_psnr(last, targets) + 0.03
 
 
 def test_a_dark_photo_makes_no_other_darker_or_brighter(torn) -> None:
