@@ -17,7 +17,7 @@ from ..system.evenly import evenly
 PHOTOS = 4
 """Photos of a capture that are looked at for how much detail all have."""
 
-PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 2.2, 0.00066, 0.7
+PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 1.6, 0.00066, 0.7
 """CPU seconds of a photo of 256×256, of a Gaussian, and the power of pixels that those of larger photos grow with."""
 
 MANY, PRUNE_SECONDS, KEEP_SECONDS = 100_000, 0.14, 0.025

@@ -105,6 +105,7 @@ class Descent:
         on any threads.
         """
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
+        self._mean = RunningMean()
         self._begin(field)
 
     def step(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import InputError
 from ..refine.descent import Pace
@@ -20,11 +20,10 @@ class Settings:
         structure: share of 1 − SSIM in what a photo lacks, the rest |error|.
         place: how far a photo's camera moves in a step, at the start, pixels; those of few photos stay.
         placed: share of the way after which cameras begin to move.
-        alone, crowded, most_absent: how far the share of pixels that show what no other photo shows finer surpasses
-            `alone`, or six times how far Gaussians for each of the photos' pixels surpass `crowded`, is the share of
-            the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at the end,
-            `most_absent` at most. So none relies on others to correct it where few photos, or few of their pixels,
-            would tell (DropGaussian, arXiv 2504.00773).
+        alone, most_absent: how far the share of pixels that show what no other photo shows finer surpasses `alone` is
+            the share of the Gaussians that are absent from a step, drawn anew in each; none at the start, all of it at
+            the end, `most_absent` at most. So none relies on others to correct it where few photos would tell
+            (DropGaussian, arXiv 2504.00773).
         quarter, half: shares of the way, at the beginning, on photos of a quarter and then of half their size.
         detail, overlap: how many Gaussians there may be, over the sum of the root of contrast over the surface's
             pixels; more where more than `overlap` photos show each, by the root of how many, as they tell finer detail,
@@ -51,12 +50,13 @@ class Settings:
     place: float = 0.05
     placed: float = 0.1
     alone: float = 0.4
-    crowded: float = 0.045
     most_absent: float = 0.3
     quarter: float = 0.25
     half: float = 0.4
     detail: float = 0.8
     overlap: float = 4.0
+    told: float = 0.05
+    crowded: float = 1.2
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10
@@ -69,6 +69,12 @@ class Settings:
     faded: float = 0.02
     worth: float = 0.03
     spared: float = 0.25
+
+    def suited(self, crowded: float) -> Settings:
+        """These for photos whose detail asks for so many times as many Gaussians as their pixels can tell: of many
+        times, with colours of degree 2, as each has to look different from every side, and faster fading.
+        """
+        return replace(self, functions=9, fade=1.4 * self.fade) if crowded > self.crowded else self
 
     def smaller(self, way: float) -> int:
         """How many times smaller photos are at a share of the way."""

@@ -42,7 +42,7 @@ class Surface:
         needed: how many Gaussians show it.
         texture: mean root of its contrast.
         alone: share of the photos' pixels that show what no other photo shows finer: 1 where none overlap.
-        crowded: how many Gaussians are needed for each of the photos' pixels.
+        crowded: how many times as many its detail asks for as the photos' pixels can tell, at least 1.
     """
 
     capture: Gaussians
@@ -69,10 +69,10 @@ class Surface:
         roots = np.sqrt(contrasts[weights[0] > 0])
         alone, least = roots.size / weights[0].size, 0 if len(photos) <= FEW_PHOTOS else 1
         finer *= min(max(1 / math.sqrt(settings.overlap * alone), least), MOST_DETAIL)
-        needed = round(settings.detail * finer * float(roots.sum(dtype=np.float64)))
-        needed = min(max(needed, LEAST_GAUSSIANS), MOST_GAUSSIANS)
-        crowded = needed / (len(photos) * photos[0][..., 0].size)
-        return cls(capture, weights, needed, float(roots.mean()), alone, crowded)
+        asked = settings.detail * finer * float(roots.sum(dtype=np.float64))
+        told = settings.told * len(photos) * photos[0][..., 0].size if len(photos) > FEW_PHOTOS else math.inf
+        needed = min(max(round(min(asked, told)), LEAST_GAUSSIANS), MOST_GAUSSIANS)
+        return cls(capture, weights, needed, float(roots.mean()), alone, max(asked / told, 1))
 
     def first(self, count: int, settings: Settings) -> Gaussians:
         """Gaussians (about `count`,) drawn from it, the more the more texture there is."""

@@ -41,9 +41,6 @@ from .settings import Budget, Settings
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
 
-CROWD = 6.0
-"""Share of the Gaussians that are absent, for each that a photo's pixel would have to tell too many."""
-
 
 @dataclass
 class TrainStats:
@@ -163,7 +160,7 @@ class _Training:
         settings: Settings,
         stats: TrainStats,
     ) -> None:
-        self._capture, self._settings, self._stats = capture, settings, stats
+        self._capture, self._stats = capture, stats
         self._threads, self._run = threads, Crew(threads or available_cores()).map
         halves = [halved_target(target) for target in targets]
         quarters = [halved_target(half) for half in halves]
@@ -174,8 +171,8 @@ class _Training:
         fitting = max(round(budget.size / (KEPT * BYTES_EACH)), 1) if budget.size else surface.needed
         self._count = stats.asked = min(surface.needed, budget.gaussians or surface.needed, fitting)
         self.usual_steps = usual_steps(len(targets), surface.texture)
-        untold = max(surface.alone - settings.alone, CROWD * (surface.crowded - settings.crowded))
-        self._absent = float(np.clip(untold, 0, settings.most_absent))
+        self._absent = float(np.clip(surface.alone - settings.alone, 0, settings.most_absent))
+        self._settings = settings = settings.suited(surface.crowded)
         begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
