@@ -42,7 +42,6 @@ _MODULE_OF = {
     "load_scene": "scene.intake.layouts",
     "open": "api",
     "predict": "api",
-    "refine": "api",
     "render": "api",
     "save_gaussians": "api",
 }
@@ -72,7 +71,6 @@ __all__ = [
     "load_scene",
     "open",
     "predict",
-    "refine",
     "render",
     "save_gaussians",
 ]
@@ -88,7 +86,6 @@ if TYPE_CHECKING:
         load_gaussians,
         open,
         predict,
-        refine,
         render,
         save_gaussians,
     )

@@ -114,8 +114,6 @@ def write(
         save_points(path, gaussians)
     elif name.endswith(SUFFIX):
         write_atomically(path, _coded(gaussians, request, tools, source))
-    elif request.fuse:
-        return write_list(path, gaussians, request)
     else:
         return save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
     return []
@@ -162,9 +160,7 @@ def _selected(gaussians: Gaussians, path: str, request: ExportRequest, tools: To
         gaussians = widened(gaussians, request.dilate)
     if request.trim_border:
         gaussians = trim_border(gaussians, request.trim_border)
-    if request.fuse:
-        gaussians = _fused(gaussians, request, tools, told)
-    elif is_drawn_whole(path) and not (request.keep_all or request.points or request.trim_border):
+    if is_drawn_whole(path) and not (request.keep_all or request.points or request.trim_border):
         gaussians = _thinned(gaussians, tools, told)
     if request.min_opacity is not None:
         gaussians = drop_transparent(gaussians, request.min_opacity)
@@ -180,23 +176,8 @@ def _thinned(gaussians: Gaussians, tools: Tools, told: Told) -> Gaussians:
 
     thin = thinned(gaussians, told.counted("thinning", Crew(tools.threads).map))
     said = f"writes {thin.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
-    told.say("notice", f"{said}; --fuse makes them one, --keep-all keeps all")
+    told.say("notice", f"{said}; --keep-all keeps all")
     return thin
-
-
-def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
-    with fast_for("fuse"):
-        from ..sparse.pictures import own_pictures
-    if len(gaussians.cameras) < 2:
-        found = f"{len(gaussians.cameras)} views, expected per-pixel Gaussians of two or more"
-        raise InputError(found, where="fuse")
-    from .stages import sparse
-
-    told.plan([("drawing its pictures", 1), ("training", 20), ("writing", 1)])
-    pictures = own_pictures(gaussians, tools.threads, told)
-    joined = sparse(gaussians, pictures, request.fuse, request.at_most, tools, told)
-    told.say("notice", "from the photos themselves: `tinysplat encode SCENE -o F.spz`, sharper and truer to new views")
-    return joined
 
 
 def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> Gaussians:

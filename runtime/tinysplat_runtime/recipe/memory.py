@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..codec.modes import DEFAULT_MODE, PHOTOS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
 from ..graphs.ways import OneByOne, SmallCopies, Way
@@ -32,14 +31,14 @@ coded."""
 DISK_BYTES_PER_PIXEL, ASIDE_BYTES_PER_PIXEL = 260, 5
 """What it takes of the disk, and of memory then: cells of photos, and numbers of blocks."""
 
-REFINED_DISK_BYTES_PER_PIXEL, REFINED_VIEW_BYTES_PER_PIXEL = 720, 1700
+TRAINED_DISK_BYTES_PER_PIXEL, TRAINED_VIEW_BYTES_PER_PIXEL = 720, 1700
 """What a capture that is refined takes of the disk, and what drawing a photo then takes of memory per pixel of it,
 beside what refinement keeps there; of 45 photos of 415×738 as measured, 1,650."""
 
-REFINED_BYTES_PER_PIXEL = 1350
+TRAINED_BYTES_PER_PIXEL = 1350
 """What refinement takes of every pixel, however large the photos; of six views as measured."""
 
-REFINED_CAPTURE_BYTES_PER_PIXEL = 330
+TRAINED_CAPTURE_BYTES_PER_PIXEL = 330
 """The same of a capture where there is no disk; of 45 photos of 256×455 as measured, 310."""
 
 LARGE_BYTES_PER_PIXEL = 147
@@ -53,18 +52,18 @@ MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
 
 
-def check_memory(scene: Scene, way: Way | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False) -> None:
+def check_memory(scene: Scene, way: Way | None = None, *, is_coded: bool = True, is_trained: bool = False) -> None:
     """Refuse photos that take more memory than is free, with a size that would fit.
 
     Args:
         scene: the photos.
         way: how they go through the network; None for group by group.
-        mode: of the file.
-        refined: whether Gaussians are to be refined.
+        is_coded: whether Gaussians are, and not the photos themselves.
+        is_trained: whether a list is trained of them.
     """
     each, enlarger = isinstance(way, OneByOne), way.enlarger if isinstance(way, SmallCopies) else None
-    on_disk = REFINED_DISK_BYTES_PER_PIXEL if refined else DISK_BYTES_PER_PIXEL
-    disk = room() / on_disk if mode != PHOTOS else 0  # in pixels
+    on_disk = TRAINED_DISK_BYTES_PER_PIXEL if is_trained else DISK_BYTES_PER_PIXEL
+    disk = room() / on_disk if is_coded else 0  # in pixels
     camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
 
     def needed(pixels: float) -> float:
@@ -74,10 +73,10 @@ def check_memory(scene: Scene, way: Way | None = None, *, mode: str = DEFAULT_MO
         network = EACH_BYTES_PER_PIXEL if each else grouped
         aside = ASIDE_BYTES_PER_PIXEL if pixels <= disk else None
         taken = [0.0]
-        if refined and aside and together < views:
-            taken.append(HELD_BYTES + REFINED_VIEW_BYTES_PER_PIXEL * pixels / views + aside * pixels)
-        elif refined:
-            taken.append((REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL) * pixels)
+        if is_trained and aside and together < views:
+            taken.append(HELD_BYTES + TRAINED_VIEW_BYTES_PER_PIXEL * pixels / views + aside * pixels)
+        elif is_trained:
+            taken.append((TRAINED_CAPTURE_BYTES_PER_PIXEL if together < views else TRAINED_BYTES_PER_PIXEL) * pixels)
         if enlarger is None or pixels <= views * LARGE_PIXELS:
             taken.append(network * pixels / views + ((aside or KEPT_BYTES_PER_PIXEL) * pixels if each else 0))
         else:
