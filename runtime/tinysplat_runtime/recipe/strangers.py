@@ -22,7 +22,7 @@ from ..scene.scenes import Scene
 from ..scene.viewpoints import distances
 from ..system.told import NOBODY, Told
 
-LEAST_ALIKE, LEAST_OWN = 0.45, 0.85
+LEAST_ALIKE, LEAST_OWN = 0.45, 0.9
 """How alike a photo and its picture are at least, drawn from the Gaussians of the others and from all. A photo is
 doubted that has less of both; from the others, no photo has more than 1."""
 
