@@ -3,7 +3,7 @@
 Three things tell a stranger. The Gaussians of the other photos do not show it. Drawn with its own, they still do not,
 as they stand before or beside these. And its neighbours are shown better without it. A photo that looks where few
 others do has the first in common with strangers, but neither of the others. How alike a picture is does not depend on
-exposure: a photo two stops darker than the others is none. Measured in docs/lab/refine.md.
+exposure: a photo two stops darker than the others is none. Measured in docs/lab/strangers.md.
 """
 
 from __future__ import annotations
