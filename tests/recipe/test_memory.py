@@ -47,12 +47,22 @@ def test_of_a_capture_that_fits_on_the_disk_memory_holds_little(
 ) -> None:
     few, many = capture(20, 240, 320), capture(100, 240, 320)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    for is_trained in (False, True):
-        monkeypatch.setenv("TMPDIR", str(tmp_path))
-        on_disk = needed(many, free_memory, way=WAY, is_trained=is_trained)
-        assert on_disk < 2.5 * needed(few, free_memory, way=WAY, is_trained=is_trained)  # of five times as many
-        monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-        assert needed(many, free_memory, way=WAY, is_trained=is_trained) > on_disk
+    on_disk = needed(many, free_memory, way=WAY)
+    assert on_disk < 2.5 * needed(few, free_memory, way=WAY)  # of five times as many
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+    assert needed(many, free_memory, way=WAY) > on_disk
+
+
+def test_photos_that_a_list_is_trained_on_count_beside_their_copies_for_the_network(free_memory: Says) -> None:
+    copies, photos = capture(24, 256, 384), capture(24, 1024, 1536)
+    enough = needed(copies, free_memory, way=WAY, trained_on=photos)
+    assert needed(copies, free_memory, way=WAY) < enough < needed(photos, free_memory, way=WAY)
+    free_memory(int(0.7e9 * enough))
+    with refusing(ts.InputError, "24 1536x1024 --size") as caught:
+        check_memory(copies, WAY, trained_on=photos)
+    found = re.search(r"--size (\d+)x(\d+)", str(caught.value))
+    assert found and int(found[1]) > 384
+    check_memory(copies, WAY, trained_on=capture(24, int(found[2]), int(found[1])))
 
 
 @pytest.mark.parametrize("count", [2, 6, 100])

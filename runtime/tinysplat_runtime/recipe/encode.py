@@ -130,7 +130,7 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
 
         scene = for_network(whole)
     way = _way(request, scene, tools)
-    check_memory(scene, way, is_coded=request.mode != PHOTOS, is_trained=is_list)
+    check_memory(scene, way, is_coded=request.mode != PHOTOS, trained_on=whole if is_list else None)
     is_compared = request.mode != PHOTOS and _are_compared(request, scene)
     _foretell(request, whole, told, is_coded=is_coded)
     told.plan(ahead(way, request, len(scene.frames), is_compared=is_compared, is_coded=is_coded))
