@@ -248,7 +248,7 @@ def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
             qualities.append((size / 1000, level))
     label, one = "dB at photos left out", "one list, trained"
     by_cpu = {"network, depth": sorted(steps), one: listed[:1]}
-    by_size = {"Q_g 12, 6, 0, −6": sorted(qualities), one: listed[1:]}
+    by_size = {"planes": sorted(qualities), one: listed[1:]}
     panels = [Panel("each step", "processor seconds", label, by_cpu), Panel("each file", "KB", label, by_size)]
     save_panels(path, panels)
     return True
