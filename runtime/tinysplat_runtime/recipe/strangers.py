@@ -22,7 +22,7 @@ from ..scene.scenes import Scene
 from ..scene.viewpoints import distances
 from ..system.told import NOBODY, Told
 
-LEAST_ALIKE, LEAST_OWN = 0.45, 0.9
+LEAST_ALIKE, LEAST_OWN = 0.45, 0.85
 """How alike a photo and its picture are at least, drawn from the Gaussians of the others and from all. A photo is
 doubted that has less of both; from the others, no photo has more than 1."""
 
@@ -32,8 +32,8 @@ MOST_HARM = 0.05
 MOST_OUT = 0.25
 """Share of the photos that are strangers at most; a single one may always be."""
 
-SHOWING = 5
-"""Photos next to one whose Gaussians show it."""
+SHOWING = 4
+"""Photos whose Gaussians show one, itself among them unless it is left out: the nearest."""
 
 COVERED = 0.6
 """A pixel counts where Gaussians are at least so opaque."""
@@ -119,9 +119,9 @@ class _Sight:
         return float(np.clip(gains, -MOST_HARM, MOST_HARM).mean()) if gains else 0.0
 
     def _near(self, view: int, without: Collection[int]) -> tuple[int, ...]:
-        """A photo and the nearest to it, but some, in order."""
+        """The photos whose Gaussians show one, but some, in order."""
         near = [int(other) for other in self._order[view] if other not in without]
-        return tuple(sorted(near[: SHOWING + (view not in without)]))
+        return tuple(sorted(near[:SHOWING]))
 
 
 def likeness(picture: NDArray, photo: NDArray, known: NDArray) -> float:
