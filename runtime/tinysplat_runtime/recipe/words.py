@@ -21,7 +21,6 @@ from ..system.printable import type_of
 if TYPE_CHECKING:
     from ..prune.amount import Amount
     from ..scene.cameras import Camera
-    from ..scene.scenes import Scene
 
 _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
 
@@ -129,17 +128,6 @@ def file(given: object) -> bytes | StrPath:
     """A file by its path, or its bytes."""
     if not isinstance(given, str | bytes | os.PathLike):
         raise _refused(given, "bytes or a path")
-    return given
-
-
-def scene(given: object) -> Scene | StrPath:
-    """A scene by its path, or one that was loaded."""
-    if isinstance(given, str | os.PathLike):
-        return given
-    from ..scene.scenes import Scene
-
-    if not isinstance(given, Scene):
-        raise _refused(given, "a Scene or the path of one")
     return given
 
 
