@@ -2,11 +2,11 @@
 
 Ways: `network alone`, so many of the others spread over the capture in one scene, near and far as found from them;
 `walk`, the same once all photos agree on depth, as `encode --fast` codes it; of 24 photos `list`, as `encode` makes it;
-the latter two where numba is installed. `own pair` is, for every picture, a scene of the two photos taken nearest to it,
-and `nearest photo` that one itself, shown in its place. A walk is coded, and its pictures are drawn from the file too;
-of 24 photos it is also coded more and less finely. With `--drawn`, pictures are drawn and judged at another size than
-photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is the
-largest change between frames, in medians of the changes about it.
+the latter two where numba is installed. `own pair` is, for every picture, a scene of the two photos taken nearest to
+it, and `nearest photo` that one itself, shown in its place. A walk is coded, and its pictures are drawn from the file
+too; of 24 photos it is also coded more and less finely. With `--drawn`, pictures are drawn and judged at another size
+than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is
+the largest change between frames, in medians of the changes about it.
 
 `walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
 """
