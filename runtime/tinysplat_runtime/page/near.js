@@ -2,7 +2,6 @@
 import { add, length } from "./vectors.js";
 
 const NEAR_REACH = 1.5; // of the second nearest view's distance, where few views' shares reach 0
-const AWAY = 1.25; // of the farthest that is drawn, where nearer ones are not there yet
 export const FEW = 6; // views, up to which all are drawn behind the near ones
 export const DRAWN = 4; // views of more, that are drawn whole
 export const AROUND = 12; // views of more, whose coarse surfaces are drawn behind these
@@ -28,13 +27,13 @@ function ramp(distance, nearest, reach) {
 }
 
 // Shares of opacity by view: `front` of surfaces that are drawn before all others, `all` of whatever is drawn, `behind` of
-// coarse surfaces that are drawn behind it. held: views of many that are there, if not all.
-export function shares(far, views, held) {
+// coarse surfaces that are drawn behind it.
+export function shares(far, views) {
   const [front, all, behind] = [0, 1, 2].map(() => new Float32Array(far.length));
   if (far.length < 2) return { front, all: all.fill(1), behind };
   const near = [...views].sort((a, b) => far[a] - far[b] || a - b), isMany = near.length > FEW;
-  const drawn = isMany ? near.filter((v) => held?.has(v) ?? true).slice(0, DRAWN) : near, farthest = far[drawn.at(-1)];
-  const reach = isMany ? Math.max(far[near[DRAWN]], farthest > far[near[DRAWN - 1]] ? AWAY * farthest : 0) : NEAR_REACH * far[near[Math.min(1, near.length - 1)]];
+  const drawn = isMany ? near.slice(0, DRAWN) : near;
+  const reach = isMany ? far[near[DRAWN]] : NEAR_REACH * far[near[Math.min(1, near.length - 1)]];
   for (const v of drawn) {
     const share = ramp(far[v], far[drawn[0]], reach);
     front[v] = share * share;

@@ -17,23 +17,22 @@ export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
 }
 
 // Runs of Gaussians: of a view's pixels, or of none.
-function partsOf(layers, numbers) {
+function partsOf(layers) {
   return layers.flatMap(({ views, count, offset }, layer) => {
     if (!views) return [{ view: -1, isFront: false, from: offset, to: offset + count }];
     const own = count / views;
-    return Array.from({ length: views }, (_, at) => ({ view: numbers?.[at] ?? at, isFront: layer === 0, from: offset + at * own, to: offset + (at + 1) * own }));
+    return Array.from({ length: views }, (_, view) => ({ view, isFront: layer === 0, from: offset + view * own, to: offset + (view + 1) * own }));
   });
 }
 
 // decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
-// numbers: which of `cameras` were decoded, if not all.
-export function sceneOf(decoded, cameras = [], frame = null, numbers = undefined) {
-  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, taken = given.length ? given : decoded.viewpoints ?? [];
+export function sceneOf(decoded, cameras = [], frame = null) {
+  const given = decoded.cameras.length ? decoded.cameras : cameras, taken = given.length ? given : decoded.viewpoints ?? [];
   const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)]; // of a list, where its photos were taken, or the side that shows most
-  const { scale, centre } = frame ?? frameOf(decoded, world, world[numbers?.[0] ?? 0]);
+  const { scale, centre } = frame ?? frameOf(decoded, world, world[0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   return {
-    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given, numbers), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
+    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
     nearPlane: NEAR_PLANE * scale, up: upOf(views),
   };
 }
@@ -61,7 +60,7 @@ function frameOf({ means, opacities, count, origin }, views, { position, rotatio
 const isCoarse = (pixel, width) => pixel % width % EVERY === EVERY >> 1 && Math.floor(pixel / width) % EVERY === EVERY >> 1;
 
 // The Gaussians that can show, moved and scaled.
-function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset, cameras, numbers) {
+function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset, cameras) {
   const functions = (degree + 1) ** 2, width = 3 * functions, parts = [];
   const isShown = (i) => opacities[i] >= LEAST_OPACITY && Number.isFinite(means[3 * i] + means[3 * i + 1] + means[3 * i + 2]);
   let count = 0;
@@ -71,7 +70,7 @@ function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, o
     sh: new Float32Array(width * count),
   };
   let at = 0;
-  for (const { view, isFront, from, to } of partsOf(layers, numbers)) {
+  for (const { view, isFront, from, to } of partsOf(layers)) {
     const start = at, coarse = [];
     for (let i = from; i < to; i++) {
       if (!isShown(i)) continue;
