@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
 from numbers import Integral
-from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
 from .container.limits import Limits
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from .codec.job import EncodeStats
-    from .codec.parts import SceneFile
     from .recipe.request import CompressKeywords, EncodeKeywords, ExportKeywords, SaveKeywords
     from .refine.stats import RefineStats
     from .render.renderer import PictureOptions
@@ -323,32 +322,6 @@ class Runtime:
             gaussians = table.load_gaussians(file)
             return gaussians if views is None else select_views(gaussians, views)
 
-    def open(
-        self, source: StrPath | IO[bytes], *, cache_bytes: int | None = None, model: str | None = None
-    ) -> SceneFile:
-        """A `.tsplat` file of which views are read and decoded as they are wanted, such as the four next to a camera.
-
-            with ts.open("https://example.org/house.tsplat") as file:
-                image = ts.render(file.near(camera), camera)
-
-        Metadata is read at once, and later the ranges of bytes of wanted views alone. A server must answer requests for
-        ranges with status 206; files that are not coded view by view are read whole.
-
-        Args:
-            source: a path, an http address or another that the package fsspec reaches, or an open binary file.
-            cache_bytes: most memory of decoded views that are kept; None for 1 GiB.
-            model: as for `decompress`.
-
-        Raises:
-            FormatError: damaged, foreign, or beyond the limits.
-            InputError: `source` cannot be read, its server gives no ranges, or it holds a list.
-        """
-        from .codec.byte_ranges import ranges_of
-        from .codec.parts import SceneFile
-
-        how: JsonObject = {"threads": self.threads, "limits": self.limits, "model": model, "cache_bytes": cache_bytes}
-        return SceneFile(ranges_of(source), self.store, **how)
-
     def render(
         self,
         gaussians: Gaussians,
@@ -388,7 +361,6 @@ compress = _door(Runtime.compress)
 encode = _door(Runtime.encode)
 decompress = _door(Runtime.decompress)
 render = _door(Runtime.render)
-open = _door(Runtime.open)
 convert = _door(Runtime.convert)
 
 
