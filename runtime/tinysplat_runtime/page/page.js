@@ -3,7 +3,6 @@ import { makeCloud } from "./cloud.js";
 import { bytesByUse, described, fetched, inKilobytes, paced } from "./files.js";
 import { frontView } from "./front.js";
 import { sceneOf } from "./scene.js";
-import { mostDrawn } from "./splats.js";
 import { Tools } from "./tools.js";
 import { viewFrom, viewText } from "./view.js";
 import { Viewer } from "./viewer.js";
@@ -37,11 +36,10 @@ class Panel {
 
   // A scene, and what tsplat.js says of its file. isSame: of the same file, of which more is there.
   show(scene, cloud, about, isSame) {
-    const { views, hasCameras } = scene, { attribution, licence } = about.notes, { whole, coarse } = mostDrawn(cloud);
-    const count = scene.count ?? about.count, drawn = whole + coarse < count ? `, of which ${(whole + coarse).toLocaleString("en")} are drawn at once` : "";
+    const { views, hasCameras } = scene, { attribution, licence } = about.notes;
     this.scene = scene;
     find("summary").textContent = [
-      `${count.toLocaleString("en")} Gaussians${drawn}, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
+      `${scene.count.toLocaleString("en")} Gaussians, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
       bytesByUse(about).map(([use, bytes]) => `${use} ${inKilobytes(bytes)}`).join(", "),
       [attribution, licence].filter(Boolean).join(", "),
     ].filter(Boolean).join("; ");

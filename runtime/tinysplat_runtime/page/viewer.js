@@ -3,7 +3,7 @@ import { Bound, lightAt, onward, poseBetween, walk } from "./bound.js";
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { BoundMover, FreeMover } from "./movers.js";
-import { counted, distances, shares } from "./near.js";
+import { distances, shares } from "./near.js";
 import { Splats } from "./splats.js";
 import { add, dot, length, scaled } from "./vectors.js";
 
@@ -14,7 +14,6 @@ const FLIGHT_SECONDS = 0.7; // to a view that was asked for
 const STALLED_MS = 200; // a coarsest frame that takes longer ends what moves by itself
 const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
-const LACKING = 0.3; // share of a view's opacity, from which a picture without it is not drawn
 const WAIT_MS = 400; // that a picture may be old before a sign says so
 const MOST_RATIO = 3; // pixels of a canvas to one of the page's
 const FOLLOW = 0.12; // of margins, that a frame on the way to another place brings nearer to its own colours
@@ -66,7 +65,6 @@ export class Viewer {
     const { views, hasCameras } = this.scene;
     this.bound = hasCameras ? new Bound(views, this.cloud.depth, this.cloud.spread) : null;
     if (this.near) this.near.bound = this.bound;
-    this.counted = counted(views);
     this.order = walk(views, this.cloud.depth);
     this.path = this.order.map((v) => views[v]);
   }
@@ -203,31 +201,27 @@ export class Viewer {
     this.waits = this.isElsewhere = false;
   }
 
-  // Views that count, those nearest to a pose first.
+  // Views, those nearest to a pose first.
   nearest(pose = this.camera) {
     const far = distances(this.scene.views, this.cloud.depth, pose);
-    return [...this.counted].sort((a, b) => far[a] - far[b] || a - b);
+    return far.map((_, v) => v).sort((a, b) => far[a] - far[b] || a - b);
   }
 
   shares() {
     const { views, hasCameras } = this.scene;
-    if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [], behind: [] };
-    return shares(distances(views, this.cloud.depth, this.camera), this.counted);
+    return hasCameras && this.cloud.viewCount ? shares(distances(views, this.cloud.depth, this.camera)) : [];
   }
 
   // The point that shows at a pixel: on the nearest Gaussians there, or as deep as the scene where there are none.
   pointAt(x, y) {
-    const { means, opacities, parts, depth } = this.cloud, { clientWidth, clientHeight } = this.canvas, { camera } = this;
-    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight), depths = [], { all } = this.shares();
-    for (const { view, from, to } of parts) {
-      if (view >= 0 && !(all[view] > 0)) continue;
-      for (let i = from; i < to; i++) {
-        if (opacities[i] < 0.25) continue;
-        const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = dot(P.slice(6), ray);
-        if (z <= this.scene.nearPlane) continue;
-        const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x, dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
-        if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
-      }
+    const { means, opacities, depth } = this.cloud, { clientWidth, clientHeight } = this.canvas, { camera } = this;
+    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight), depths = [];
+    for (let i = 0; i < opacities.length; i++) {
+      if (opacities[i] < 0.25) continue;
+      const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = dot(P.slice(6), ray);
+      if (z <= this.scene.nearPlane) continue;
+      const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x, dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
+      if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
     }
     const found = depths.length ? depths.sort((a, b) => a - b)[depths.length >> 2] : depth;
     return add(camera.position, camera.ray(x, y, clientWidth, clientHeight), found);
@@ -299,13 +293,8 @@ export class Viewer {
     this.wasMoving = moves;
   }
 
-  // Whether a picture would be whole: the views that show from here stand in an order from about here. The picture before
-  // stays otherwise, beside a small sign.
-  #isDrawable() {
-    const { splats } = this;
-    if (!splats.hasOrder || this.isElsewhere) return false;
-    return !this.hasMoved || splats.lacks(this.shares().all) < LACKING;
-  }
+  // Whether there is an order from about here. The picture before stays otherwise, beside a small sign.
+  #isDrawable() { return this.splats.hasOrder && !this.isElsewhere; }
 
   #sign(isOld) {
     if (isOld) document.body.dataset.waits = "";

@@ -363,7 +363,7 @@ class MovableGaussians:
         piece, geometry = placed.piece, placed.geometry
         kernels_place.place(piece.base, piece.centre, self.values, piece.start, geometry, piece.sh)
         chunks = Chunks(placed.start, geometry.ravel(), piece.sh, lambda: self._block(placed))
-        return self._comparer.buffers.project(chunks, view, *shares.of(piece.grid.view, piece.grid.layer == 0))
+        return self._comparer.buffers.project(chunks, view, shares.of(piece.grid.view, piece.grid.layer == 0))
 
     def _block(self, placed: _Placed) -> Block:
         """A piece as it stands, for the code that works in float64."""
