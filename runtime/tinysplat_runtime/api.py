@@ -391,8 +391,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKe
 
     Args:
         path: `.tsplat`, or one of `formats.table.FORMATS`.
-        gaussians: any. Lists get of a capture, more than six views, each surface from two views, for viewers
-            that draw all they are given; `keep_all=True` keeps every Gaussian, as `.npz` and `.safetensors` do.
+        gaussians: any.
         **options: of `recipe.request.ExportRequest`, and for a `.tsplat` file those of `CompressRequest`.
 
     Returns:

@@ -361,7 +361,7 @@ class ExportRequest(Noted, Sparse):
         words.amount, metavar="SHARE|DB|N", group=WHICH, help="drop 0.5, down to 45dB, or all but N (numba)"
     )
     """Those that pictures need least go first."""
-    keep_all: bool = option(words.flag, False, group=WHICH, help="neither thin captures nor prune trained scenes")
+    keep_all: bool = option(words.flag, False, group=WHICH, help="do not prune a trained scene")
     """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
     pictures hardly need."""
     fuse: Refinement | None = option(
