@@ -41,7 +41,6 @@ _MODULE_OF = {
     "load_gaussians": "api",
     "load_scene": "scene.intake.layouts",
     "predict": "api",
-    "refine": "api",
     "render": "api",
     "save_gaussians": "api",
 }
@@ -70,7 +69,6 @@ __all__ = [
     "load_gaussians",
     "load_scene",
     "predict",
-    "refine",
     "render",
     "save_gaussians",
 ]
@@ -85,7 +83,6 @@ if TYPE_CHECKING:
         inspect,
         load_gaussians,
         predict,
-        refine,
         render,
         save_gaussians,
     )

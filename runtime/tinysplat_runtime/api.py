@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from .codec.job import EncodeStats
     from .recipe.request import CompressKeywords, EncodeKeywords, ExportKeywords, SaveKeywords
-    from .refine.stats import RefineStats
     from .render.renderer import PictureOptions
     from .scene.cameras import Camera
     from .scene.scenes import Scene
@@ -118,53 +117,6 @@ class Runtime:
         way = Way.of(scene, model, self.store, threads=self.threads, whole=whole, joint=joint)
         return way.predicted(scene, watch or Stopwatch(), self.told)
 
-    def refine(
-        self,
-        gaussians: Gaussians,
-        scene: Scene,
-        steps: int | None = None,
-        *,
-        seconds: float | None = None,
-        profile: str | None = None,
-        qp: float | None = None,
-        stats: RefineStats | None = None,
-    ) -> Gaussians:
-        """Correct Gaussians until they show the photos that they were made of; needs numba (`tinysplat[fast]`).
-
-        Args:
-            gaussians: per pixel, with cameras, of two views or more; of any network.
-            scene: with the photos, which are found by the poses of their cameras.
-            steps: how many to take at most; unless `seconds` are given, 8 for more than six photos, else 12.
-            seconds: for how long at most, in place of `steps`.
-            profile, qp: what the result will be coded with, in whose steps its bytes are counted.
-            stats: filled with what was done.
-
-        Returns:
-            Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
-            look better from the Gaussians of the other photos. Of more than six, some judge and correct nothing before.
-            Views whose photos the others contradict are left out (`stats.left_out`); two photos that contradict each
-            other refine nothing.
-
-        Raises:
-            InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.
-        """
-        from .gaussian.editing import select_views
-        from .recipe import stages
-        from .recipe.request import Coding
-        from .recipe.words import Refinement
-        from .refine.stats import RefineStats
-
-        coding = Coding(profile=profile, qp=qp)
-        stats = RefineStats() if stats is None else stats
-        stats.left_out = stages.strange(gaussians, scene, self, self.told)
-        if stats.left_out:
-            left = stages.others(gaussians, stats.left_out)
-            if not left:
-                stats.left_out, stats.reason = (), stages.AT_ODDS
-                return gaussians
-            gaussians = select_views(gaussians, left)
-        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
-
     def compress(
         self,
         gaussians: Gaussians,
@@ -212,9 +164,10 @@ class Runtime:
     ) -> bytes:
         """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
 
-        Of more than six photos those that the scene needs are chosen. Of three or more, Gaussians are refined where
-        numba is installed. A depth range that the scene lacks is estimated, photos of more than about 640×480 pixels
-        are scaled to that, and what is likely wrong with the scene is a `SceneWarning`.
+        Of more than six photos those that the scene needs are chosen. Three or more become one trained list where numba
+        is installed, or with `fast` planes of what the network made of them. A depth range that the scene lacks is
+        estimated, photos of more than about 640×480 pixels are scaled to that, and what is likely wrong with the scene
+        is a `SceneWarning`.
 
         Args:
             scene: a `Scene`, the path of one, or what else `recipe.request.EncodeRequest` takes.
@@ -356,7 +309,6 @@ def _door(method: Callable[Concatenate[Runtime, P], T]) -> Callable[P, T]:
 
 
 predict = _door(Runtime.predict)
-refine = _door(Runtime.refine)
 compress = _door(Runtime.compress)
 encode = _door(Runtime.encode)
 decompress = _door(Runtime.decompress)

@@ -43,23 +43,6 @@ def test_all_gaussians_are_written_of_the_views_that_are_chosen(capture, tmp_pat
     assert trimmed.count == 8 * 10 * 14
 
 
-@pytest.mark.parametrize("ending", [".ply", ".glb", ".tsplat"])
-def test_fuse_leaves_each_surface_once_and_writes_cameras_along(capture, tmp_path, ending):
-    pytest.importorskip("numba")
-    _, file = capture
-    found = converted(file, str(tmp_path / f"g{ending}"), "--fuse", "30", "--at-most", "400", "--threads", "1")
-    assert 0 < found.count <= 400
-    assert len(found.viewpoints) == 8
-    assert [path.name for path in tmp_path.glob("*.json")] == (["g.cameras.json"] if ending == ".ply" else [])
-
-
-def test_fuse_needs_views(capture, tmp_path, capsys):
-    pytest.importorskip("numba")
-    _, file = capture
-    assert main(["convert", file, "-o", str(tmp_path / "g.ply"), "--fuse", "1", "--trim-border", "1"]) == 2
-    assert "fuse" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("ending", "words", "options"),
     [

@@ -215,7 +215,7 @@ def _photos(scene: Scene, cameras: Sequence[Camera], told: Told) -> dict[int, ND
     photos: dict[int, NDArray] = {}
     reach = max(reach_of(cameras), 1e-9)
     for i, camera in enumerate(told.progress("reading photos", cameras)):
-        photo, *_ = taken_as(camera, scene, reach)
+        photo = taken_as(camera, scene, reach)
         if photo is not None:
             own = scene.frames[photo].camera
             most = max(own.height / camera.height, own.width / camera.width, 1.0)

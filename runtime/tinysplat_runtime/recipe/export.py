@@ -63,7 +63,7 @@ def exported(
     chosen = []
     for name, part in parts:
         try:
-            chosen.append(_selected(part, request, tools, told))
+            chosen.append(_selected(part, request))
         except TinySplatError as error:
             raise error.within(name) if name else error from None
     gaussians = chosen[0] if len(chosen) == 1 else merge(chosen)
@@ -112,8 +112,6 @@ def write(
         save_points(path, gaussians)
     elif name.endswith(SUFFIX):
         write_atomically(path, _coded(gaussians, request, tools, source))
-    elif request.fuse:
-        return write_list(path, gaussians, request)
     else:
         return save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
     return []
@@ -154,32 +152,15 @@ def is_drawn_whole(path: str) -> bool:
     return not path.lower().endswith(KEEPS_VIEWS)
 
 
-def _selected(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
+def _selected(gaussians: Gaussians, request: ExportRequest) -> Gaussians:
     """What one file gives."""
     if request.dilate is not None:
         gaussians = widened(gaussians, request.dilate)
     if request.trim_border:
         gaussians = trim_border(gaussians, request.trim_border)
-    if request.fuse:
-        gaussians = _fused(gaussians, request, tools, told)
     if request.min_opacity is not None:
         gaussians = drop_transparent(gaussians, request.min_opacity)
     return gaussians if request.sh_degree is None else cut_degree(gaussians, request.sh_degree)
-
-
-def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
-    with fast_for("fuse"):
-        from ..sparse.pictures import own_pictures
-    if len(gaussians.cameras) < 2:
-        found = f"{len(gaussians.cameras)} views, expected per-pixel Gaussians of two or more"
-        raise InputError(found, where="fuse")
-    from .stages import sparse
-
-    told.plan([("drawing its pictures", 1), ("training", 20), ("writing", 1)])
-    pictures = own_pictures(gaussians, tools.threads, told)
-    joined = sparse(gaussians, pictures, request.fuse, request.at_most, tools, told)
-    told.say("notice", "from the photos themselves: `tinysplat encode SCENE -o F.spz`, sharper and truer to new views")
-    return joined
 
 
 def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> Gaussians:
