@@ -21,7 +21,7 @@ def test_gaussians_of_no_view_and_of_one_are_drawn_by_depth():
 def test_shares_are_1_for_the_nearest_view_and_0_for_those_far_away():
     views = NearViews.of(make_gaussians(4, 8, 12))
     path = between(make_cameras(4, 8, 12), 61)
-    shares = np.stack([views.shares(camera).front for camera in path])
+    shares = np.stack([views.shares(camera) for camera in path])
     assert (shares.max(axis=1) == 1).all() and (shares.min(axis=1) == 0).all()
     np.testing.assert_allclose(shares[30], shares[30][::-1], atol=1e-6)  # in the middle of the row
 
@@ -36,14 +36,7 @@ def test_shares_are_continuous(places, seed):
     shares, room = [], []
     for step in (0, 1e-6):
         c2w[:3, 3] = start + step * towards
-        shares.append(views.shares(Camera(np.eye(3), c2w, 8, 8)).front)
+        shares.append(views.shares(Camera(np.eye(3), c2w, 8, 8)))
         distances = np.sort(np.linalg.norm(views.centres - c2w[:3, 3], axis=1))
         room.append(1.5 * distances[1] - distances[0])
     assert np.abs(shares[1] - shares[0]).max() <= 2e-5 / min(room) + 1e-12
-
-
-def test_views_that_are_left_out_have_no_share():
-    views = NearViews.of(make_gaussians(9, 8, 12))
-    camera = make_cameras(9, 8, 12)[4]
-    shares = views.shares(camera, without=[4])
-    assert shares.front[4] == shares.whole[4] == 0 and shares.whole.sum() == 8 and shares.front.max() == 1

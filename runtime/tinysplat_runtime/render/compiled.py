@@ -22,7 +22,6 @@ from .kernels_blend import Extent, Picture, Scratch
 from .kernels_list import Listed
 from .kernels_project import AXES, CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers
-from .near import Shares
 from .prepare import Part
 from .project import View, may_show
 
@@ -45,10 +44,10 @@ class Rasteriser:
         self._keeps = keeps
         self._buffers = SplatBuffers(len(parts) * longest if keeps else 0, run_jobs, only_shown=True)
 
-    def draw(self, drawn: Sequence[int], view: View, shares: Shares, with_depth: bool) -> Canvas:
-        """Draw a frame of some parts."""
+    def draw(self, drawn: Sequence[int], view: View, shares: NDArray, with_depth: bool) -> Canvas:
+        """Draw a frame of some parts; `shares` are those of `NearViews.shares`."""
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
-        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), shares.has_front
+        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), bool(shares.any())
         if self._keeps:
             self._buffers.clear()
             buffers, packed = self._buffers, [partial(self._packed, number) for number in drawn]
@@ -58,7 +57,7 @@ class Rasteriser:
         def project(number_and_chunks: tuple[int, Packed]) -> kernels_list.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
-            return buffers.project(chunks(), view, shares.of(of.view, of.is_surface))
+            return buffers.project(chunks(), view, float(shares[of.view]) if of.is_surface else 0.0)
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
             kernels_blend.composite_tile(listed, extent, scratch, picture, has_front)

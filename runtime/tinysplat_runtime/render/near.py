@@ -24,7 +24,6 @@ share: with 0.2 each, six of them cover 0.7.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,33 +37,6 @@ REACH = 1.5
 
 FEW = 6
 """Views that a network takes at once: of more, photos are a capture."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shares:
-    """What of each view a picture is drawn with.
-
-    Attributes:
-        front: (V,) float64 in [0, 1], the share of its surface that comes before everything else.
-        whole: (V,) float64, 1 for views that are drawn and 0 for those that are left out.
-    """
-
-    front: NDArray
-    whole: NDArray
-
-    @classmethod
-    def by_depth(cls, whole: NDArray) -> Shares:
-        """Everything by depth, and nothing before it; `whole` is (V,) float64."""
-        return cls(np.zeros(len(whole)), whole)
-
-    @property
-    def has_front(self) -> bool:
-        """Whether anything is drawn before everything else."""
-        return bool(self.front.any())
-
-    def of(self, view: int, is_surface: bool) -> float:
-        """For a view's Gaussians, the share of their alphas that comes first."""
-        return float(self.front[view]) if is_surface else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,18 +67,12 @@ class NearViews:
             count, inverse = count + int(np.count_nonzero(z > 0)), inverse + float((1 / z[z > 0]).sum())
         return cls(centres, directions, count / inverse if count else 1.0)
 
-    def shares(self, camera: Camera, without: Iterable[int] = ()) -> Shares:
-        """What a camera's picture is drawn with, of all views but some; where one alone is left, all is by depth."""
-        gone = set(without)  # numpy's functions of sets load all of `numpy.ma` (12 ms)
-        left = np.array([view for view in range(len(self.centres)) if view not in gone], np.intp)
-        front, whole = np.zeros((2, len(self.centres)))
-        whole[left] = 1
-        if left.size > 1:
-            places = np.square(self.centres[left] - camera.centre).sum(axis=1) / self.depth**2
-            distances = np.sqrt(places + np.square(self.directions[left] - camera.rotation[2]).sum(axis=1))
-            nearest, second = np.sort(distances)[:2]
-            front[left] = np.square(_ramp(distances, nearest, REACH * second))
-        return Shares(front, whole)
+    def shares(self, camera: Camera) -> NDArray:
+        """(V,) float64 in [0, 1], the share of each view's surface that comes before everything else."""
+        places = np.square(self.centres - camera.centre).sum(axis=1) / self.depth**2
+        distances = np.sqrt(places + np.square(self.directions - camera.rotation[2]).sum(axis=1))
+        nearest, second = np.sort(distances)[:2]
+        return np.square(_ramp(distances, nearest, REACH * second))
 
 
 def _ramp(distances: NDArray, nearest: float, reach: float) -> NDArray:

@@ -19,7 +19,7 @@ from ..scene.cameras import Camera
 from ..scene.viewpoints import corrected
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
-from .near import NearViews, Shares
+from .near import NearViews
 from .prepare import Block, Part, parts
 from .project import Splats, View, may_show, parts_show, project
 from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, TileGrid, bands, depth_order, find_pairs, runs
@@ -95,7 +95,7 @@ class Renderer:
         _check_choice("dilation", dilation, DILATIONS)
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
-        self._whole = Shares.by_depth(np.ones(max(len(gaussians.cameras), 1)))
+        self._none_first = np.zeros(max(len(gaussians.cameras), 1))
         by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
         cut = list(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
         row_bytes = 56 + 4 * 3 * gaussians.sh.shape[-2]
@@ -142,7 +142,7 @@ class Renderer:
         return images["rgb"] if outputs == ("rgb",) else images
 
     def _draw(self, view: View, with_depth: bool) -> Canvas:
-        shares = self._whole if self._near is None else self._near.shares(view.camera)
+        shares = self._none_first if self._near is None else self._near.shares(view.camera)
         drawn = list(range(len(self._parts)))
         if len(drawn) >= MANY_PARTS:
             shows = parts_show(self._parts, view)
@@ -165,7 +165,7 @@ class Renderer:
             else:  # picking rows costs about as much as projecting a few more
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
             of = self._parts[number]
-            front = shares.of(of.view, of.is_surface)
+            front = float(shares[of.view]) if of.is_surface else 0.0
             return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
         ids = self._run(project_part, list(zip(drawn, cuts, ends[:-1].tolist(), strict=True)))
@@ -174,7 +174,7 @@ class Renderer:
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
 
         def draw_band(place: tuple[int, TileGrid]) -> None:
-            band = Band(*place, with_depth, shares.has_front)
+            band = Band(*place, with_depth, bool(shares.any()))
             self._composite(band, order, boxes)
             band.write(canvas)
 
