@@ -167,7 +167,7 @@ def _smooth_pixels(cameras: list[Camera], degree: int, seed: int, origin: NDArra
 
 
 @st.composite
-def photographed(draw: st.DrawFn, degrees: int = 2) -> tuple[Gaussians, Camera, dict[str, str]]:
+def photographed(draw: st.DrawFn) -> tuple[Gaussians, Camera, dict[str, str]]:
     """Gaussians of photos, where to look at them from, and how they are drawn.
 
     From one photo to a capture of which some are not drawn at all; with holes or closed; from points to several pixels
@@ -176,7 +176,7 @@ def photographed(draw: st.DrawFn, degrees: int = 2) -> tuple[Gaussians, Camera, 
     views = draw(st.sampled_from([1, 2, 6, 7, 8, 14]))
     height, width = draw(st.sampled_from([(1, 1), (4, 3), (9, 12)]))
     rng = np.random.default_rng(draw(st.integers(0, 1 << 16)))
-    layers, degree = draw(st.sampled_from([1, 2])), draw(st.integers(0, degrees))
+    layers, degree = draw(st.sampled_from([1, 2])), draw(st.integers(0, 2))
     made = make_gaussians(views, height, width, degree, layers, int(rng.integers(99)))
     size, opacity = draw(st.sampled_from([1e-5, 1.0, 4.0])), draw(st.sampled_from([0.02, 0.5, 1.0]))
     holes = draw(st.sampled_from([0.0, 0.5, 1.0])) * (draw(st.booleans()) or np.arange(views) < 0.6 * views)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import accumulate
 from zlib import crc32
 
 from tinysplat_runtime.container import layout as L
@@ -49,13 +48,12 @@ def changed_section(data: bytes, kind: bytes, change: Callable[[bytearray], obje
 
 @dataclass(frozen=True)
 class Place:
-    """A picture: its row and view, where it lies in DATA, and where its length and CRC stand: in PICT, or in DATA."""
+    """A picture: its row and view, where it lies in DATA, and where its length and CRC stand in PICT."""
 
     row: tuple[int, ...]
     view: int
     start: int
     length: int
-    is_in_data: bool
     at: int
 
 
@@ -66,86 +64,49 @@ class Pict:
     Attributes:
         rows: layer, class, target, QP, scale and offset of each.
         views: of the file.
-        by_view: whether DATA is in parts.
-        parts: of such a file, (start, length) in DATA, and how many bytes the table in front of each has.
         places: of all pictures, in the order of their bytes.
     """
 
     rows: tuple[tuple, ...]
     views: int
-    by_view: bool
-    parts: tuple[tuple[int, int], ...]
-    table_bytes: int
     places: tuple[Place, ...]
 
     @classmethod
     def of(cls, data: bytes) -> Pict:
         """Read a valid file's."""
-        texts = {kind: text for kind, _, _, text in sections_of(data)}
-        pict, bytes_of = texts[b"PICT"], texts[b"DATA"]
-        count, views, by_view = struct.unpack_from("<HHH", pict)
+        pict = next(text for kind, _, _, text in sections_of(data) if kind == b"PICT")
+        count, views = struct.unpack_from("<HH", pict)
         rows = tuple(struct.unpack_from("<BBBBff", pict, 6 + 12 * n) for n in range(count))
-        coded = [row for row in rows if row[3] != 255]
-        at = 6 + 12 * count
-        if not by_view:
-            each = [(row, view) for row in coded for view in range(views)]
-            return cls(rows, views, False, (), 0, tuple(_places(pict, at, each, 0, False)))
-        lengths = [struct.unpack_from("<I", pict, at + 8 * view)[0] for view in range(views)]
-        parts = tuple(zip(accumulate(lengths, initial=0), lengths, strict=False))
-        size, places = 8 * len(coded), []
-        for view, (start, _) in enumerate(parts):
-            places += _places(bytes_of, start, [(row, view) for row in coded], start + size, True)
-        return cls(rows, views, True, parts, size, tuple(places))
-
-
-def _places(text: bytes, at: int, each: list[tuple[tuple, int]], start: int, is_in_data: bool) -> list[Place]:
-    places = []
-    for n, (row, view) in enumerate(each):
-        (length,) = struct.unpack_from("<I", text, at + 8 * n)
-        places.append(Place(row, view, start, length, is_in_data, at + 8 * n))
-        start += length
-    return places
+        places, at, start = [], 6 + 12 * count, 0
+        for row in (row for row in rows if row[3] != 255):
+            for view in range(views):
+                (length,) = struct.unpack_from("<I", pict, at)
+                places.append(Place(row, view, start, length, at))
+                start, at = start + length, at + 8
+        return cls(rows, views, tuple(places))
 
 
 def with_picture(data: bytes, place: Place, picture: bytes) -> bytes:
     """The file with another picture of the same length, all checksums right."""
-    found, sections = Pict.of(data), sections_of(data)
+    sections = sections_of(data)
     pict, pictures = (next(s for s in sections if s[0] == kind) for kind in (b"PICT", b"DATA"))
-    texts = {False: bytearray(pict[3]), True: bytearray(pictures[3])}
-    texts[True][place.start : place.start + place.length] = picture
-    texts[place.is_in_data][place.at + 4 : place.at + 8] = struct.pack("<I", crc32(picture))
-    if found.by_view:
-        start, _ = found.parts[place.view]
-        at = 6 + 12 * len(found.rows) + 8 * place.view + 4
-        texts[False][at : at + 4] = struct.pack("<I", crc32(texts[True][start : start + found.table_bytes]))
-    pict[3], pictures[3] = bytes(texts[False]), bytes(texts[True])
+    table, held = bytearray(pict[3]), bytearray(pictures[3])
+    held[place.start : place.start + place.length] = picture
+    table[place.at + 4 : place.at + 8] = struct.pack("<I", crc32(picture))
+    pict[3], pictures[3] = bytes(table), bytes(held)
     return file_of(sections)
 
 
 def repacked(
-    data: bytes,
-    order: Callable[[list[int]], list[int]] = list,
-    by_view: bool = False,
-    change: Callable[[bytes], bytes] = bytes,
+    data: bytes, order: Callable[[list[int]], list[int]] = list, change: Callable[[bytes], bytes] = bytes
 ) -> bytes:
-    """The file with its rows in another order, its pictures changed, and these in one part or in parts by view."""
+    """The file with its rows in another order, its pictures changed."""
     found, sections = Pict.of(data), sections_of(data)
     pict, pictures = (next(s for s in sections if s[0] == kind) for kind in (b"PICT", b"DATA"))
     held = {(p.row, p.view): change(pictures[3][p.start : p.start + p.length]) for p in found.places}
     rows = [found.rows[n] for n in order(list(range(len(found.rows))))]
-    coded = [row for row in rows if row[3] != 255]
-
-    def entries(payloads: list[bytes]) -> bytes:
-        return b"".join(struct.pack("<II", len(payload), crc32(payload)) for payload in payloads)
-
-    fixed = struct.pack("<HHH", len(rows), found.views, by_view) + b"".join(struct.pack("<BBBBff", *r) for r in rows)
-    if by_view:
-        own = [[held[row, view] for row in coded] for view in range(found.views)]
-        parts = [entries(payloads) + b"".join(payloads) for payloads in own]
-        tables = zip(parts, map(entries, own), strict=True)
-        pict[3] = fixed + b"".join(struct.pack("<II", len(part), crc32(table)) for part, table in tables)
-    else:
-        parts = [held[row, view] for row in coded for view in range(found.views)]
-        pict[3] = fixed + entries(parts)
-    pictures[3] = b"".join(parts)
+    each = [held[row, view] for row in rows if row[3] != 255 for view in range(found.views)]
+    table = struct.pack("<HHH", len(rows), found.views, 0) + b"".join(struct.pack("<BBBBff", *row) for row in rows)
+    pict[3] = table + b"".join(struct.pack("<II", len(payload), crc32(payload)) for payload in each)
+    pictures[3] = b"".join(each)
     return file_of(sections)

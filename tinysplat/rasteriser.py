@@ -2,8 +2,8 @@
 
     image, transmittance = render(means, quats, scales, opacities, colours, camera)
 
-The runtime draws, and walks the picture a second time for gradients, as it does in refinement; on the CPU, wherever the
-tensors are.
+The runtime draws, and walks the picture a second time for gradients, as it does to train lists; on the CPU, wherever
+the tensors are.
 """
 
 from __future__ import annotations

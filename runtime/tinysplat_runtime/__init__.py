@@ -40,9 +40,7 @@ _MODULE_OF = {
     "inspect": "api",
     "load_gaussians": "api",
     "load_scene": "scene.intake.layouts",
-    "open": "api",
     "predict": "api",
-    "refine": "api",
     "render": "api",
     "save_gaussians": "api",
 }
@@ -70,9 +68,7 @@ __all__ = [
     "inspect",
     "load_gaussians",
     "load_scene",
-    "open",
     "predict",
-    "refine",
     "render",
     "save_gaussians",
 ]
@@ -86,9 +82,7 @@ if TYPE_CHECKING:
         encode,
         inspect,
         load_gaussians,
-        open,
         predict,
-        refine,
         render,
         save_gaussians,
     )

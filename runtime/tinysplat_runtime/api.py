@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
 from inspect import signature
 from numbers import Integral
-from typing import IO, TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from .container.layout import MAX_FILE_BYTES, SUFFIX
 from .container.limits import Limits
@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from .codec.job import EncodeStats
-    from .codec.parts import SceneFile
     from .recipe.request import CompressKeywords, EncodeKeywords, ExportKeywords, SaveKeywords
-    from .refine.stats import RefineStats
     from .render.renderer import PictureOptions
     from .scene.cameras import Camera
     from .scene.scenes import Scene
@@ -119,53 +117,6 @@ class Runtime:
         way = Way.of(scene, model, self.store, threads=self.threads, whole=whole, joint=joint)
         return way.predicted(scene, watch or Stopwatch(), self.told)
 
-    def refine(
-        self,
-        gaussians: Gaussians,
-        scene: Scene,
-        steps: int | None = None,
-        *,
-        seconds: float | None = None,
-        profile: str | None = None,
-        qp: float | None = None,
-        stats: RefineStats | None = None,
-    ) -> Gaussians:
-        """Correct Gaussians until they show the photos that they were made of; needs numba (`tinysplat[fast]`).
-
-        Args:
-            gaussians: per pixel, with cameras, of two views or more; of any network.
-            scene: with the photos, which are found by the poses of their cameras.
-            steps: how many to take at most; unless `seconds` are given, 8 for more than six photos, else 12.
-            seconds: for how long at most, in place of `steps`.
-            profile, qp: what the result will be coded with, in whose steps its bytes are counted.
-            stats: filled with what was done.
-
-        Returns:
-            Gaussians whose notes say how they were refined; the very ones that were given, where no step made photos
-            look better from the Gaussians of the other photos. Of more than six, some judge and correct nothing before.
-            Views whose photos the others contradict are left out (`stats.left_out`); two photos that contradict each
-            other refine nothing.
-
-        Raises:
-            InputError: photos that do not fit the Gaussians, steps or seconds out of range, numba is missing.
-        """
-        from .gaussian.editing import select_views
-        from .recipe import stages
-        from .recipe.request import Coding
-        from .recipe.words import Refinement
-        from .refine.stats import RefineStats
-
-        coding = Coding(profile=profile, qp=qp)
-        stats = RefineStats() if stats is None else stats
-        stats.left_out = stages.strange(gaussians, scene, self, self.told)
-        if stats.left_out:
-            left = stages.others(gaussians, stats.left_out)
-            if not left:
-                stats.left_out, stats.reason = (), stages.AT_ODDS
-                return gaussians
-            gaussians = select_views(gaussians, left)
-        return stages.refine(gaussians, scene, Refinement(steps, seconds), coding, self, stats=stats, told=self.told)
-
     def compress(
         self,
         gaussians: Gaussians,
@@ -213,9 +164,10 @@ class Runtime:
     ) -> bytes:
         """Photos to a `.tsplat` file's bytes: the very bytes that `tinysplat encode` writes of the same options.
 
-        Of more than six photos those that the scene needs are chosen. Of three or more, Gaussians are refined where
-        numba is installed. A depth range that the scene lacks is estimated, photos of more than about 640×480 pixels
-        are scaled to that, and what is likely wrong with the scene is a `SceneWarning`.
+        Of more than six photos those that the scene needs are chosen. Three or more become one trained list where numba
+        is installed, or with `fast` planes of what the network made of them. A depth range that the scene lacks is
+        estimated, photos of more than about 640×480 pixels are scaled to that, and what is likely wrong with the scene
+        is a `SceneWarning`.
 
         Args:
             scene: a `Scene`, the path of one, or what else `recipe.request.EncodeRequest` takes.
@@ -323,32 +275,6 @@ class Runtime:
             gaussians = table.load_gaussians(file)
             return gaussians if views is None else select_views(gaussians, views)
 
-    def open(
-        self, source: StrPath | IO[bytes], *, cache_bytes: int | None = None, model: str | None = None
-    ) -> SceneFile:
-        """A `.tsplat` file of which views are read and decoded as they are wanted, such as the four next to a camera.
-
-            with ts.open("https://example.org/house.tsplat") as file:
-                image = ts.render(file.near(camera), camera)
-
-        Metadata is read at once, and later the ranges of bytes of wanted views alone. A server must answer requests for
-        ranges with status 206; files that are not coded view by view are read whole.
-
-        Args:
-            source: a path, an http address or another that the package fsspec reaches, or an open binary file.
-            cache_bytes: most memory of decoded views that are kept; None for 1 GiB.
-            model: as for `decompress`.
-
-        Raises:
-            FormatError: damaged, foreign, or beyond the limits.
-            InputError: `source` cannot be read, its server gives no ranges, or it holds a list.
-        """
-        from .codec.byte_ranges import ranges_of
-        from .codec.parts import SceneFile
-
-        how: JsonObject = {"threads": self.threads, "limits": self.limits, "model": model, "cache_bytes": cache_bytes}
-        return SceneFile(ranges_of(source), self.store, **how)
-
     def render(
         self,
         gaussians: Gaussians,
@@ -383,12 +309,10 @@ def _door(method: Callable[Concatenate[Runtime, P], T]) -> Callable[P, T]:
 
 
 predict = _door(Runtime.predict)
-refine = _door(Runtime.refine)
 compress = _door(Runtime.compress)
 encode = _door(Runtime.encode)
 decompress = _door(Runtime.decompress)
 render = _door(Runtime.render)
-open = _door(Runtime.open)
 convert = _door(Runtime.convert)
 
 
@@ -419,8 +343,7 @@ def save_gaussians(path: StrPath, gaussians: Gaussians, **options: Unpack[SaveKe
 
     Args:
         path: `.tsplat`, or one of `formats.table.FORMATS`.
-        gaussians: any. Lists get of a capture, more than six views, each surface from two views, for viewers
-            that draw all they are given; `keep_all=True` keeps every Gaussian, as `.npz` and `.safetensors` do.
+        gaussians: any.
         **options: of `recipe.request.ExportRequest`, and for a `.tsplat` file those of `CompressRequest`.
 
     Returns:

@@ -1,17 +1,16 @@
-"""What `decode` and `convert` write of a capture: for viewers that draw everything, each surface once."""
+"""What `decode` and `convert` write of a capture."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import make_cameras, tells
+from scenes import make_cameras
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli.run import main
 from tinysplat_runtime.formats.table import save_gaussians
 from tinysplat_runtime.gaussian.editing import select_views
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.gaussian.thin import thinned
 
 
 @pytest.fixture
@@ -34,45 +33,20 @@ def converted(file: str, output: str, *options: str) -> Gaussians:
     return ts.load_gaussians(output)
 
 
-def test_lists_of_points_get_each_surface_of_a_capture_once_and_it_is_said(capture, tmp_path, capsys):
-    wall, file = capture
-    found = converted(file, str(tmp_path / "g.ply"))
-    assert found.count == thinned(wall).count < wall.count
-    assert tells(capsys.readouterr().err.replace(",", ""), f"{found.count} {wall.count} --keep-all")
-
-
-def test_what_keeps_views_keeps_all_as_do_few_views_and_whoever_asks(capture, tmp_path):
+def test_all_gaussians_are_written_of_the_views_that_are_chosen(capture, tmp_path):
     wall, file = capture
     assert converted(file, str(tmp_path / "all.npz")).count == wall.count
-    assert converted(file, str(tmp_path / "all.ply"), "--keep-all", "-q").count == wall.count
+    assert converted(file, str(tmp_path / "all.ply")).count == wall.count
     few = converted(file, str(tmp_path / "few.ply"), "--views", "0-5", "-q")
     assert few.count == select_views(wall, range(6)).count
-    trimmed = converted(file, str(tmp_path / "trimmed.ply"), "--trim-border", "1", "--keep-all", "-q")
+    trimmed = converted(file, str(tmp_path / "trimmed.ply"), "--trim-border", "1", "-q")
     assert trimmed.count == 8 * 10 * 14
-
-
-@pytest.mark.parametrize("ending", [".ply", ".glb", ".tsplat"])
-def test_fuse_leaves_each_surface_once_and_writes_cameras_along(capture, tmp_path, ending):
-    pytest.importorskip("numba")
-    _, file = capture
-    found = converted(file, str(tmp_path / f"g{ending}"), "--fuse", "30", "--at-most", "400", "--threads", "1")
-    assert 0 < found.count <= 400
-    assert len(found.viewpoints) == 8
-    assert [path.name for path in tmp_path.glob("*.json")] == (["g.cameras.json"] if ending == ".ply" else [])
-
-
-def test_fuse_needs_views(capture, tmp_path, capsys):
-    pytest.importorskip("numba")
-    _, file = capture
-    assert main(["convert", file, "-o", str(tmp_path / "g.ply"), "--fuse", "1", "--trim-border", "1"]) == 2
-    assert "fuse" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("ending", "words", "options"),
     [
         (".ply", (), {}),
-        (".ply", ("--keep-all",), {"keep_all": True}),
         (".spz", ("--min-opacity", "0.3", "--sh-bits", "8,8"), {"min_opacity": 0.3, "sh_bits": (8, 8)}),
         (".glb", ("--rotate", "x,90", "--scale", "2"), {"rotate": "x,90", "scale": 2}),
         (".ply", ("--crop=-9,-9,-9,0,9,9", "--unit", "metre"), {"crop": (-9, -9, -9, 0, 9, 9), "unit": "metre"}),

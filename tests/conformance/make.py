@@ -22,7 +22,6 @@ from scenes import list_in_tiers, make_list, make_skewed_cameras, make_smooth_ga
 from sections import Pict, beside, changed_section, file_of, repacked, sections_of, with_picture
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 from .reference import arrays_of, decode
 
@@ -40,10 +39,9 @@ class Case:
         name: its folder's.
         tests: in a line, for people: what a decoder could get wrong that no other case would show.
         data: the file.
-        options: how it is to be decoded: `maxBytes`, `recover`, `views`.
-        needs: what else a decoder needs: `network`, `views`.
+        options: how it is to be decoded: `maxBytes`, `recover`.
+        needs: what else a decoder needs: `network`.
         refused: whether it must be.
-        like: the file in one piece and the views of it that decoding gives, where it does not tell by itself.
         scale: what differences of SH coefficients are a share of, where decoded ones cancel.
     """
 
@@ -53,7 +51,6 @@ class Case:
     options: dict[str, Any] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     refused: bool = False
-    like: tuple[bytes, list[int]] | None = None
     scale: float | None = None
 
 
@@ -161,12 +158,6 @@ def structure() -> Iterator[Case]:
     yield Case("unknown_section", "an optional section to skip, and another minor version", later)
     *metadata, pictures = sections_of(repacked(data, lambda rows: rows[::-1]))
     yield Case("any_order", "sections and rows the other way round", file_of([*metadata[::-1], pictures]))
-    whole = compress(make_smooth_gaussians(4, 8, 12, 1, seed=6, layers=2))
-    parts, needs = repacked(whole, lambda rows: rows[::-1], by_view=True), ("views",)
-    yield Case("by_view", "parts by view", parts, {}, needs, like=(whole, [0, 1, 2, 3]))
-    yield Case("by_view_chosen", "views 2 and 0 of them", parts, {"views": [2, 0]}, needs, like=(whole, [2, 0]))
-    end = len(parts) - Pict.of(parts).parts[-1][1] + 20
-    yield Case("by_view_prefix", "the views before its end", parts, {"maxBytes": end}, needs, like=(whole, [0, 1, 2]))
 
 
 def other_modes() -> Iterator[Case]:
@@ -260,32 +251,7 @@ def refused() -> Iterator[Case]:
     tiers = list_in_tiers(make_list(60, 0, np.random.default_rng(9)))
     yield spoilt("growth", "scales that grow by e^3", tiers, b"TIER", 24, b"\0\0\x40\x40", 1)
     yield spoilt("exact_hash", "exact planes of another SHA-256", exact, b"EXAC", 20, b"\0\0\0")
-    parts = repacked(data, by_view=True)
-    longer = Pict.of(parts).parts[1][0]
-    yield made(
-        "part",
-        "a table of a view whose CRC differs",
-        flipped(parts, len(parts) - len(sections_of(parts)[-1][3]) + longer),
-    )
-
-
-def flipped(data: bytes, at: int) -> bytes:
-    """The file with a bit of one byte turned."""
-    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
-
-
-def chosen(data: bytes, views: list[int]) -> ts.Gaussians:
-    """These views of a file."""
-    layers = [
-        replace(
-            layer,
-            extra_layers=(),
-            cameras=[layer.cameras[view] for view in views],
-            **{name: getattr(layer, name)[views] for name in FIELDS},
-        )
-        for layer in decode(data).layers
-    ]
-    return replace(layers[0], extra_layers=tuple(layers[1:]))
+    yield spoilt("order", "an order of pictures that there is not", data, b"PICT", 4, b"\1")
 
 
 def write(case: Case) -> int:
@@ -299,7 +265,7 @@ def write(case: Case) -> int:
     if case.refused:
         described["refused"] = True
     else:
-        arrays = arrays_of(chosen(*case.like) if case.like else decode(case.data, **case.options))
+        arrays = arrays_of(decode(case.data, **case.options))
         np.savez_compressed(folder / "expected.npz", **arrays)
         described["tolerance"] = TOLERANCE
         if case.scale:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,10 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 
 
-def decode(
-    data: bytes, maxBytes: int | None = None, recover: bool = False, views: Sequence[int] | None = None
-) -> ts.Gaussians:
+def decode(data: bytes, maxBytes: int | None = None, recover: bool = False) -> ts.Gaussians:
     """The Gaussians of a file under the options of a case; FormatError where it is refused."""
     lost: list[str] | None = [] if recover else None
-    chosen = {} if views is None else {"views": list(views)}
-    return ts.Runtime(threads=1).decompress(data, max_bytes=maxBytes, lost=lost, **chosen)
+    return ts.Runtime(threads=1).decompress(data, max_bytes=maxBytes, lost=lost)
 
 
 def arrays_of(gaussians: ts.Gaussians) -> dict[str, NDArray]:

@@ -125,8 +125,8 @@ def test_the_example_decodes_by_hand():
     fx, fy, cx, cy, skew, width, height, *c2w = camera
     grid = struct.unpack_from("<IIBBBBH2f", sections[b"LAYR"])
     assert grid == (height, width, 0, 0, 0, 0, 0, 2, 2)
-    rows, views, parts = struct.unpack_from("<HHH", sections[b"PICT"])
-    assert (views, parts, len(sections[b"PICT"])) == (1, 0, 6 + 12 * rows)
+    rows, views, order = struct.unpack_from("<HHH", sections[b"PICT"])
+    assert (views, order, len(sections[b"PICT"])) == (1, 0, 6 + 12 * rows)
     channels = np.zeros((6, 4))
     for row in range(rows):
         layer, number, target, qp, _, offset = struct.unpack_from("<BBBBff", sections[b"PICT"], 6 + 12 * row)

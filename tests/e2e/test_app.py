@@ -68,7 +68,7 @@ def test_photos_become_a_page_and_a_file(address: str, tmp_path: Path) -> None:
     assert "3" in stages and "<iframe" in frame
     page, file = (Path(result) for result in results)
     assert page.suffix == ".html" and page.read_text("utf-8").startswith("<!DOCTYPE html>")
-    assert ts.inspect(file.read_bytes())["views"] == 3
+    assert len(ts.inspect(file.read_bytes())["viewpoints"]) == 3
 
 
 def test_what_cannot_be_used_is_said(address: str, tmp_path: Path) -> None:

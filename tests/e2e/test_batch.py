@@ -26,7 +26,7 @@ from tinysplat.batch.storage import local_folder, read
 from tinysplat.workers import Outcome, run_processes
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.recipe.words import AutoViews, Refinement
+from tinysplat_runtime.recipe.words import AutoViews, Training
 
 
 def silent(record: dict[str, Any]) -> None:
@@ -179,15 +179,15 @@ def test_urls_are_read_and_written_through_fsspec(scenes: Path) -> None:
 
 
 def test_an_entrys_options_replace_the_batchs_and_what_they_contradict() -> None:
-    asked = {"qp": 6.0, "profile": "fast", "refine": Refinement(steps=3), "model": "sweep", "report": True}
-    entries = [{}, {"target_size": "9KB"}, {"like": "x.tsplat", "report": False}, {"qp": 0, "refine": ""}, {"auto": 3}]
+    asked = {"qp": 6.0, "profile": "fast", "train": Training(steps=3), "model": "sweep", "report": True}
+    entries = [{}, {"target_size": "9KB"}, {"like": "x.tsplat", "report": False}, {"qp": 0, "train": ""}, {"auto": 3}]
     lines = [json.dumps({"scene": "s", "name": f"n{i}", **entry}) for i, entry in enumerate(entries)]
     jobs = read_manifest("\n".join(lines), "out", asked, "base")
     codings = [job.request for job in jobs]
     assert [coding.qp for coding in codings] == [6, None, None, 0, 6]
     assert [coding.profile for coding in codings] == ["fast", "fast", None, "fast", "fast"]
     assert codings[1].target_size == 9000 and codings[2].like == "base/x.tsplat"
-    assert [job.request.refine for job in jobs] == [*3 * [Refinement(steps=3)], None, Refinement(steps=3)]
+    assert [job.request.train for job in jobs] == [*2 * [Training(steps=3)], None, None, Training(steps=3)]
     assert [job.keep.report for job in jobs] == [True, True, False, True, True]
     assert jobs[4].request.views == AutoViews(3) and {job.request.model for job in jobs} == {"sweep"}
 
@@ -200,17 +200,16 @@ def test_options_that_say_what_holds_anyway_do_not_have_a_scene_coded_again() ->
 
 
 def test_every_option_changes_the_fingerprint() -> None:
-    said = {"views": [0, 1], "size": [8, 8], "refine": "5", "mode": "photos", "lossless": True, "drop_invalid": True}
+    said = {"views": [0, 1], "size": [8, 8], "train": "5", "mode": "photos", "lossless": True, "drop_invalid": True}
     said |= {"target_size": 900, "target_psnr": 40, "near": 2, "far": 9, "qp": 1, "profile": "fast", "first_number": 1}
     said |= {"provider": "cuda", "report": True, "save_gaussians": True, "auto": 3, "joint": False}
-    said |= {"masks": "moving", "at_most": 9}
+    said |= {"masks": "moving", "at_most": 9, "fast": True}
     options = [{name: said.get(name, f"/{name}.x")} for name in OPTIONS]  # paths and texts
-    options = [{**one, "mode": "list"} if "at_most" in one else one for one in options]
-    texts = [json.dumps({"scene": "/a", **one}) for one in [{}, *options, {"refine": "5s"}, {"refine": "6"}]]
+    texts = [json.dumps({"scene": "/a", **one}) for one in [{}, *options, {"train": "5s"}, {"train": "6"}]]
     jobs = [read_manifest(text, "out", {}, allowed=CODE)[0] for text in [*texts, "/b/a"]]
     assert len({job.fingerprint for job in jobs}) == len(jobs) == len(OPTIONS) + 4
-    with refusing(InputError, "line 1: refine: 'soon'"):
-        read_manifest('{"scene": "/a", "refine": "soon"}', "out", {})
+    with refusing(InputError, "line 1: train: 'soon'"):
+        read_manifest('{"scene": "/a", "train": "soon"}', "out", {})
 
 
 # ---- bounds, lines and what is known after an interrupt -----------------------------------------------------------

@@ -45,19 +45,6 @@ def test_photos_become_a_file_whose_report_adds_up(encoded):
     assert set(report["error_by_attribute"]) >= set(FIELDS)
     assert set(report["clipped"]) <= set(report["bytes_by_class"])
     assert isinstance(report["left_out"], list)
-    assert "refine" not in report  # of two photos only where it is asked for
-
-
-def test_both_ways_to_a_refined_file_tell_what_refinement_did(encoded, scene, tmp_path):
-    file, report = tmp_path / "s.tsplat", tmp_path / "r.json"
-    words = ("-o", file, "--refine", 2, "--report", report, "--force")
-    for command in (("encode", scene), ("compress", encoded["raw"], "--photos", scene)):
-        assert "refine" in succeed(*command, *words)
-        told = json.loads(report.read_text())["refine"]
-        assert 0 <= told["kept"] <= told["steps"] <= 2
-    report.unlink()
-    succeed("compress", encoded["raw"], "-o", file, "--report", report, "--force")
-    assert "refine" not in json.loads(report.read_text())
 
 
 def test_a_decoded_view_looks_like_the_raw_one(encoded, tmp_path):

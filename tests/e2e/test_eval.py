@@ -95,7 +95,6 @@ def test_nothing_but_bad_scenes_is_an_error(tmp_path):
         (("--jobs", 0), "--jobs"),
         (("--qp", "a"), "--qp"),
         (("--lpips-backbone", "missing.pth"), "missing.pth"),
-        (("--refine", "0"), "--refine"),
     ],
 )
 def test_wrong_options_are_refused_in_a_line(scenes, tmp_path, options, said):

@@ -60,7 +60,6 @@ FILES = [
     FileCase("tiny_paper", lambda: make_smooth_gaussians(1, 5, 7, 0, seed=3), "paper", 0),
     FileCase("degree2_paper", lambda: make_smooth_gaussians(2, 24, 40, 2, seed=4), "paper", 3),
     FileCase("degree1_balanced", _view_dependent, "balanced", 0),
-    FileCase("views_balanced", lambda: make_smooth_gaussians(8, 12, 16, 1, seed=7, layers=2), "balanced", 0),
     FileCase("tiers_balanced", lambda: make_list(400, 1, np.random.default_rng(8)), "balanced", 6, _in_tiers),
     FileCase("list_balanced", lambda: make_list(300, 1, np.random.default_rng(6)), "balanced", 0),
 ]

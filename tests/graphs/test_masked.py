@@ -30,7 +30,7 @@ def turntable(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def made(folder: Path, **options: object) -> tuple[bytes, ts.Gaussians]:
-    data = encode(EncodeRequest(folder, refine=1, **options), RUNTIME).data
+    data = encode(EncodeRequest(folder, fast=True, **options), RUNTIME).data
     return data, RUNTIME.decompress(data)
 
 

@@ -38,7 +38,7 @@ from .containers import Seed
 @lru_cache(maxsize=1)
 def tsplat_seeds() -> tuple[Seed, ...]:
     """Files of 16×16 and less: both ways to code, one and two layers, one to three views, SH degree 0 to 2;
-    one of exact planes, one with notes, and one in parts by view."""
+    one of exact planes, one with notes, and one of seven views."""
     cases = [
         (make_smooth_gaussians(1, 5, 7, 0), "paper"),
         (make_smooth_gaussians(2, 16, 16, 1), "paper"),

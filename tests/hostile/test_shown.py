@@ -66,15 +66,11 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         process.kill()
 
 
-def asked(
-    port: int, method: str, host: str | None, part: str | None = None
-) -> tuple[int, bytes, http.client.HTTPMessage]:
+def asked(port: int, method: str, host: str | None) -> tuple[int, bytes, http.client.HTTPMessage]:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
     connection.putrequest(method, "/", skip_host=True)
     if host is not None:
         connection.putheader("Host", host.replace("PORT", str(port)))
-    if part is not None:
-        connection.putheader("Range", part)
     connection.endheaders()
     answer = connection.getresponse()
     said = answer.status, answer.read(), answer.headers
@@ -98,24 +94,6 @@ def test_a_site_whose_name_leads_to_this_machine_reads_nothing(port: int, host: 
     """DNS rebinding: the browser takes its scripts for the page's own, but says their name."""
     status, body, _ = asked(port, "GET", host)
     assert status == 403 and b"<" not in body
-
-
-@pytest.mark.parametrize("first", [0, 1, 700])
-@pytest.mark.parametrize("last", [0, 1, 900, 10**9, None])
-def test_ranges_are_the_bytes_that_are_asked_for_and_no_others(port: int, first: int, last: int | None) -> None:
-    _, body, _ = asked(port, "GET", "localhost")
-    for start in (first, len(body) - 1, len(body), len(body) + first):
-        status, part, headers = asked(port, "GET", "localhost", f"bytes={start}-{'' if last is None else last}")
-        wanted = body[start : len(body) if last is None else last + 1]
-        assert (status, part) == ((206, wanted) if wanted else (416, b""))
-        place = f"{start}-{start + len(wanted) - 1}" if wanted else "*"
-        assert headers["Content-Range"] == f"bytes {place}/{len(body)}"
-
-
-@pytest.mark.parametrize("part", ["bytes=-5", "lines=1-2", "bytes=1-2,4-5", "bytes=x-", f"bytes={'9' * 99}-"])
-def test_ranges_of_another_kind_are_answered_with_all_of_it(port: int, part: str) -> None:
-    status, body, headers = asked(port, "GET", "localhost", part)
-    assert status == 200 and len(body) == int(headers["Content-Length"]) > 1000
 
 
 # ---- files that cost much --------------------------------------------------------------------------------------------

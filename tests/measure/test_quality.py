@@ -30,7 +30,6 @@ from tinysplat.measure.show.quality import TABLES
 from tinysplat.measure.subjects.cases import Window, covered_pixels
 from tinysplat.measure.subjects.sources import FolderSource, find_sources
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.recipe.words import Refinement
 
 SIZE = (HEIGHT, WIDTH)
 CODINGS = (ProfileQp("paper", 0.0), ProfileQp("balanced", 6.0))
@@ -168,11 +167,11 @@ def test_a_run_cut_short_or_torn_goes_on_to_the_same_figures(measured, tmp_path)
 def test_rows_of_other_photos_cameras_or_options_are_not_taken_for_these(tmp_path):
     scene = write_eval_scene(tmp_path / "a")
 
-    def is_new(**options) -> bool:
-        return evaluate(plan_of(scene), tmp_path / "results", CODINGS[1:], **options).resumed == 0
+    def is_new() -> bool:
+        return evaluate(plan_of(scene), tmp_path / "results", CODINGS[1:]).resumed == 0
 
     assert is_new() and not is_new()
-    assert is_new(refine=Refinement(1)) and not is_new()
+
     os.utime(scene / "3.png", ns=(1, 1))
     assert not is_new()  # a photo that the window does not use
     os.utime(scene / "1.png", ns=(1, 1))

@@ -1,4 +1,4 @@
-// node draw.mjs FOLDER IN.json OUT.f32: splats of Gaussians by the page's own arithmetic, in the order of drawing, twelve floats each.
+// node draw.mjs FOLDER IN.json OUT.f32: splats of Gaussians by the page's own arithmetic, in the order of drawing, eleven floats each.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 import { basisOf, functionsOf } from "./glsl.mjs";
@@ -7,7 +7,7 @@ const [folder, input, output] = process.argv.slice(2);
 const module = (name) => import(pathToFileURL(`${folder}/${name}`));
 const { ARITHMETIC } = await module("arithmetic.js");
 const { Camera } = await module("camera.js");
-const { EVERY, OPEN, counted, distances, shares, sorting } = await module("near.js");
+const { distances, shares, sorting } = await module("near.js");
 const { dot, unit } = await module("vectors.js");
 
 const glsl = functionsOf(ARITHMETIC), { max, sqrt } = Math, vector = (x, y, z, w) => ({ x, y, z, w });
@@ -20,8 +20,8 @@ const camera = new Camera(scene.camera, 1), { projection, principal, focal } = c
 const rows = [0, 3, 6].map((at) => vector(...projection.slice(at, at + 3)));
 
 const isNear = scene.order === "near" && views.length > 1;
-const share = isNear ? shares(distances(views, depth, camera), counted(views)) : { front: views.map(() => 0), all: views.map(() => 1), behind: [] };
-const z = camera.rotation[2], { sorted: order } = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
+const share = isNear ? shares(distances(views, depth, camera)) : views.map(() => 0);
+const z = camera.rotation[2], order = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
 const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
 
 function colour(i, d) {
@@ -32,25 +32,25 @@ function colour(i, d) {
 
 const drawn = [];
 for (const entry of order) {
-  const i = entry & 0x3fffffff, isCopy = entry > 0x7fffffff, isBehind = (entry & 0x40000000) !== 0, larger = isBehind ? EVERY : 1;
+  const i = entry & 0x7fffffff, isCopy = entry > 0x7fffffff;
   const { view } = partOf(i);
   const at = [0, 1, 2].map((k) => means[3 * i + k] - camera.position[k]), ray = vector(...at);
   const point = rows.map((row) => glsl.dot3(row, ray)), u = point[0] / point[2], v = point[1] / point[2];
   const limit = (x, c, size) => max(-0.15 * size - c, Math.min(1.15 * size - c, x));
-  const q = vector(...quats.subarray(4 * i, 4 * i + 4)), s = vector(...scales.subarray(3 * i, 3 * i + 3).map((one) => larger * one));
+  const q = vector(...quats.subarray(4 * i, 4 * i + 4)), s = vector(...scales.subarray(3 * i, 3 * i + 3));
   const m1 = glsl.across(glsl.jacobian(rows[0], rows[2], limit(u, principal[0], width), point[2]), q, s);
   const m2 = glsl.across(glsl.jacobian(rows[1], rows[2], limit(v, principal[1], height), point[2]), q, s);
   const area = glsl.cross3(m1, m2), b = glsl.dot3(m1, m2), plain = glsl.dot3(area, area);
   let [a, c] = [glsl.dot3(m1, m1), glsl.dot3(m2, m2)], own = 0;
   if (view >= 0 && scene.dilation === "own") {
     const { K, rotation, position } = views[view], deep = dot(rotation[2], [0, 1, 2].map((k) => means[3 * i + k] - position[k]));
-    own = deep > 0 ? larger * (deep / sqrt(K[0] * K[2])) * focal / point[2] : 0;
+    own = deep > 0 ? (deep / sqrt(K[0] * K[2])) * focal / point[2] : 0;
   }
   const wider = glsl.widening(a, b, c, plain, own), det = plain + wider.x * (a + c + wider.x);
   [a, c] = [a + wider.x, c + wider.x];
-  const opacity = opacities[i] * wider.y * (view < 0 ? 1 : isBehind ? share.behind[view] : share.all[view]), part = isCopy ? share.front[view] / share.all[view] : 1, reach = Math.log(opacity / glsl.LEAST_ALPHA);
+  const opacity = opacities[i] * wider.y, part = isCopy ? share[view] : 1, reach = Math.log(opacity / glsl.LEAST_ALPHA);
   if (!(reach > 0)) continue;
   const axes = glsl.halfAxes(a, b, c, det);
-  drawn.push(u + principal[0], v + principal[1], axes.x, axes.y, axes.z, opacity, part, isCopy, isBehind ? OPEN : 0, ...colour(i, unit(at)));
+  drawn.push(u + principal[0], v + principal[1], axes.x, axes.y, axes.z, opacity, part, isCopy, ...colour(i, unit(at)));
 }
 writeFileSync(output, Float32Array.from(drawn));

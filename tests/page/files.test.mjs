@@ -14,7 +14,7 @@ test("sizes are said in few digits, and are about those", () => {
 
 test("bytes are counted by what they are for, and come to the file's", () => {
   const about = {
-    bytes: 1000, parts: [],
+    bytes: 1000,
     channels: [[{ name: "depth0", bytes: [100, 20] }, { name: "color12", bytes: [300] }, { name: "opacity0", bytes: [] }, { name: "photo0", bytes: [40, 2] }], [{ name: "color0", bytes: [5] }]],
   };
   const uses = bytesByUse(about).map(([, bytes]) => bytes);

@@ -42,9 +42,7 @@ def drawn(tmp_path: Path, gaussians: Gaussians, camera: ts.Camera, *, dilation: 
     for n, layer in enumerate(gaussians.layers):
         size = layer.count // max(len(gaussians.cameras), 1)
         for view in range(len(gaussians.cameras)) if gaussians.cameras else [-1]:
-            grid = at + np.arange(size).reshape(layer.opacities.shape[-2:] if view >= 0 else (1, size))
-            coarse = grid[2::4, 2::4].ravel().tolist() if n == 0 else []
-            parts.append({"view": view, "isFront": n == 0, "from": at, "to": at + size, "coarse": coarse})
+            parts.append({"view": view, "isFront": n == 0, "from": at, "to": at + size})
             at += size
     scene = {
         "width": camera.width,
@@ -63,23 +61,20 @@ def drawn(tmp_path: Path, gaussians: Gaussians, camera: ts.Camera, *, dilation: 
     command = [node(), str(SCRIPT), str(PAGE), str(tmp_path / "in.json"), str(tmp_path / "out.f32")]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
-    return blended(np.fromfile(tmp_path / "out.f32", np.float32).reshape(-1, 12), camera)
+    return blended(np.fromfile(tmp_path / "out.f32", np.float32).reshape(-1, 11), camera)
 
 
 def blended(splats: NDArray, camera: ts.Camera) -> NDArray:
     """(H, W, 3) of splats in the order of drawing, by the reference: pixel of the middle, longer half axis (2), shorter
-    one, opacity, part of alpha, whether in front, transmittance that all before have to leave, colour (3).
+    one, opacity, part of alpha, whether in front, colour (3).
     """
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     back, front = pictures = Picture(x.shape), Picture(x.shape)
-    is_open = None
-    for x0, y0, *along, across, opacity, part, is_front, least, red, green, blue in splats.astype(np.float64):
-        if least and is_open is None:
-            is_open = front.left * back.left > least
+    for x0, y0, *along, across, opacity, part, is_front, red, green, blue in splats.astype(np.float64):
         long = math.hypot(*along)
         u, v = (x - x0) * along[0] + (y - y0) * along[1], (y - y0) * along[0] - (x - x0) * along[1]
         alpha = np.minimum(0.99, opacity * np.exp(-((u / long**2) ** 2) - (v / (long * across)) ** 2))
-        alpha = np.where((alpha >= 1 / 255) & (is_open if least else True), part * alpha, 0)
+        alpha = np.where(alpha >= 1 / 255, part * alpha, 0)
         pictures[int(is_front)].blend(alpha, np.array([red, green, blue]), 0)
     return front.rgb + front.left[..., None] * back.rgb
 

@@ -102,7 +102,7 @@ def test_a_visitor_goes_through_a_story(
     bar = "document.querySelector('#story')"
     assert "All of it From the front." in tab.evaluate(f"{bar}.innerText")
     tab.evaluate(f"{bar}.querySelector('[aria-label=\"The next view\"]').click()")
-    tab.wait("!page.flight && !page.wanted")
+    tab.wait("!page.flight")
     tab.ready()
     assert MARKUP in tab.evaluate(f"{bar}.textContent") and not tab.evaluate("document.querySelector('main b, nav b')")
     box = tab.evaluate(f"(({{ left, right, bottom }}) => [left, right, bottom])({bar}.getBoundingClientRect())")

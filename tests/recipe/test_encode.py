@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +15,9 @@ from scenes import Heard, make_smooth_gaussians, psnr, refusing, tells, write_sc
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.recipe.choice import chosen
 from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.forecast import list_forecast
-from tinysplat_runtime.recipe.refinement import usual
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.render import DEFINITION
 
@@ -108,12 +109,6 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
     coded = encode(EncodeRequest(scene, model="sweep", save_gaussians=tmp_path / "g.npz"), RUNTIME, heard, keep=True)
     assert ts.load_gaussians(tmp_path / "g.npz").opacities.shape == (2, 32, 48)
     assert heard.kinds[-2:] == ["step", "step"] and heard.kinds.count("doubt") == len(coded.doubts) > 0
-    assert coded.refinement is None
-    coded = encode(EncodeRequest(scene, model="sweep", refine=1), RUNTIME, heard, keep=True)
-    assert (
-        heard.kinds[-3:] == ["step", "done", "step"] and coded.refinement and heard.lines[-1] == coded.refinement.text
-    )
-    assert coded.refinement and coded.refinement.steps == 1 and coded.stats.watch.seconds["refine"] > 0
     assert coded.gaussians is not None and coded.raw_bytes > len(coded.data) and coded.seconds > 0
     assert encode(EncodeRequest(scene, model="sweep"), RUNTIME).gaussians is None
 
@@ -139,7 +134,7 @@ def test_a_run_takes_the_steps_that_it_planned(many: Path, mode: str) -> None:
     """Seconds left of the whole run are right as long as it does."""
     pytest.importorskip("numba")
     heard = Heard()
-    sizes = {"size": (48, 64), "near": 2, "far": 9, "refine": 20 if mode == "list" else 2}
+    sizes = {"size": (48, 64), "near": 2, "far": 9, "train": 20 if mode == "list" else None}
     encode(EncodeRequest(many, mode=mode, **sizes), RUNTIME, heard)
     *planned, compared = heard.planned
     assert compared == "comparing photos"  # which is the command's
@@ -173,9 +168,9 @@ def test_wrong_types_are_told_what_is_accepted(many: Path, tmp_path: Path) -> No
 def test_a_capture_becomes_one_list_for_other_viewers_and_coded(many: Path, tmp_path: Path) -> None:
     pytest.importorskip("numba")
     file = tmp_path / "room.spz"
-    words = ("--size", "64x48", "--at-most", "900", "--refine", "40", "--near", "2", "--far", "9", "-q")
+    words = ("--size", "64x48", "--at-most", "900", "--train", "40", "--near", "2", "--far", "9", "-q")
     commanded(many, file, *words, "--model", "sweep")
-    data = commanded(many, tmp_path / "room.tsplat", *words, "--model", "sweep", "--mode", "list")
+    data = commanded(many, tmp_path / "room.tsplat", *words, "--model", "sweep")
     scene = ts.load_scene(many).resized(48, 64)
     photos = [frame.image() for frame in scene.frames]
     for found in (ts.load_gaussians(file), ts.decompress(data)):
@@ -184,25 +179,13 @@ def test_a_capture_becomes_one_list_for_other_viewers_and_coded(many: Path, tmp_
         assert np.mean([psnr(one, other) for one, other in zip(shown, photos, strict=True)]) > 18
 
 
-def test_photos_held_back_choose_between_views_and_a_list(
-    many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("numba")
-    words = ["--size", "64x48", "--at-most", "900", "--refine", "3", "--near", "2", "--far", "9", "--model", "sweep"]
-    data = commanded(many, tmp_path / "room.tsplat", *words, "--mode", "auto")
-    said = capsys.readouterr().err
-    mode = ts.inspect(data)["mode"]
-    assert tells(said, "3 SSIM KB") and mode in ("list", "gaussians")
-    few = commanded(many, tmp_path / "two.tsplat", *words[:2], "--model", "sweep", "--views", "0,3", "--mode", "auto")
-    assert ts.inspect(few)["mode"] == "gaussians" and tells(capsys.readouterr().err, "2 photos")
-
-
 def test_what_only_a_tsplat_file_has_is_refused_of_a_list_and_the_reverse(
     many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, option in (
         (["room.spz", "--qp", "3"], "--qp"),
-        (["a.tsplat", "--at-most", "9"], "--at-most"),
+        (["a.tsplat", "--at-most", "9", "--mode", "gaussians"], "--at-most"),
+        (["room.spz", "--fast"], "--fast"),
         (["a.tsplat", "--mode", "list", "--lossless"], "--mode"),
     ):
         assert main(["encode", str(many), "-o", str(tmp_path / words[0]), *words[1:]]) == 2
@@ -212,7 +195,7 @@ def test_what_only_a_tsplat_file_has_is_refused_of_a_list_and_the_reverse(
 def test_two_photos_become_a_list_where_that_is_asked_for(many: Path, tmp_path: Path) -> None:
     pytest.importorskip("numba")
     path = tmp_path / "two.spz"
-    options = ["--size", "64x48", "--refine", "10", "--quiet"]
+    options = ["--size", "64x48", "--train", "10", "--quiet"]
     assert main(["encode", str(many), "-o", str(path), "--views", "0,3", *options]) == 0
     assert 0 < load_gaussians(path).count < 2 * 64 * 48
 
@@ -223,30 +206,47 @@ def test_photos_with_one_of_another_scene_are_those_without_it(tmp_path: Path) -
     traced.images[2] = np.random.default_rng(0).uniform(size=(6, 8, 3)).repeat(8, axis=0).repeat(8, axis=1)
     scene = ts.load_scene(write_traced(tmp_path, traced, depths=(NEAR, FAR)))
     heard, kept = Heard(), [0, 1, 3, 4]
-    coded = encode(EncodeRequest(scene), RUNTIME, heard)
-    assert coded.photos.cameras == scene.views(kept).cameras and any(tells(line, "0002.png") for line in heard.lines)
+    planes = encode(EncodeRequest(scene, fast=True), RUNTIME, heard)
+    assert planes.photos.cameras == scene.views(kept).cameras and any(tells(line, "0002.png") for line in heard.lines)
     assert [*heard.steps, "comparing photos"] == heard.planned  # again, from what is left
-    assert coded.data == encode(EncodeRequest(scene, views=kept), RUNTIME).data
-    assert len(encode(EncodeRequest(scene, refine=False), RUNTIME).photos.cameras) == 5
+    assert planes.data == encode(EncodeRequest(scene, views=kept, mode="gaussians"), RUNTIME).data
+    trained = encode(EncodeRequest(scene, train=5), RUNTIME)
+    assert trained.photos.cameras == planes.photos.cameras and len(ts.decompress(trained.data).viewpoints) == 4
+    assert len(encode(EncodeRequest(scene, mode="photos"), RUNTIME).photos.cameras) == 5
 
 
 @pytest.mark.parametrize(
-    ("views", "side", "asked", "mode"),
+    ("views", "asked", "mode"),
     [
-        (3, 328, {}, "list"),
-        (3, 320, {}, "gaussians"),
-        (2, 328, {}, "gaussians"),
-        (3, 328, {"target_size": 90_000}, "list"),
-        *[(3, 328, asked, "gaussians") for asked in ({"lossless": True}, {"refine": 3}, {"joint": False})],
-        *[(3, 328, asked, "gaussians") for asked in ({"model": "sweep"}, {"profile": "paper"}, {"mode": "gaussians"})],
-        (3, 328, {"mode": "auto"}, "auto"),
+        (3, {}, "list"),
+        (2, {}, "gaussians"),
+        (3, {"target_size": 90_000}, "list"),
+        *[(3, asked, "gaussians") for asked in ({"lossless": True}, {"fast": True}, {"joint": False})],
+        *[(3, asked, "gaussians") for asked in ({"model": "sweep"}, {"profile": "paper"}, {"mode": "gaussians"})],
+        *[(2, asked, "list") for asked in ({"mode": "list"}, {"train": 9}, {"at_most": 900})],
+        (3, {"model": "sweep", "at_most": 900}, "list"),
+        (3, {"mode": "photos"}, "photos"),
     ],
+    ids=str,
 )
-def test_larger_photos_become_a_list_where_nobody_asks_for_what_planes_alone_have(
-    tmp_path: Path, views: int, side: int, asked: dict, mode: str
+def test_three_photos_become_a_list_where_nobody_asks_for_what_planes_alone_have(
+    tmp_path: Path, views: int, asked: dict, mode: str
 ) -> None:
     pytest.importorskip("numba")
-    scene = ts.load_scene(write_scene(tmp_path / "scene", views=views, height=side, width=side + 8))
-    found = usual(EncodeRequest(scene, **asked), scene, heard := Heard())
-    assert found.mode == mode
-    assert ("--mode gaussians" in " ".join(heard.lines)) == (mode == "list")
+    scene = ts.load_scene(write_scene(tmp_path / "scene", views=views, height=32, width=40))
+    found = chosen(EncodeRequest(scene, **asked), scene, heard := Heard())
+    assert found.mode == mode and not found.fast
+    assert ("--fast" in " ".join(heard.lines)) == (mode == "list" and asked.keys() <= {"target_size"})
+
+
+def test_without_numba_photos_become_planes_and_a_line_says_what_brings_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "numba", None)
+    scene, heard = ts.load_scene(write_scene(tmp_path / "scene", views=3, height=32, width=40)), Heard()
+    assert chosen(EncodeRequest(scene), scene, heard).mode == "gaussians"
+    (line,) = heard.lines
+    assert 'pip install "tinysplat[fast]"' in line
+    assert chosen(EncodeRequest(scene, fast=True), scene, heard).mode == "gaussians" and len(heard.lines) == 1
+    with refusing(ts.InputError, "mode: numba tinysplat[fast]"):
+        chosen(EncodeRequest(scene, mode="list"), scene, heard)

@@ -9,15 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import Heard, make_gaussians, refusing, tells
+from scenes import make_gaussians, refusing
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.graphs.ways import OneByOne
 from tinysplat_runtime.recipe.memory import check_memory
 from tinysplat_runtime.recipe.own import looked_at, own_psnr
-from tinysplat_runtime.recipe.refinement import chosen
-from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.recipe.words import Refinement
 from tinysplat_runtime.scene.scenes import Frame, Scene
 
 Says = Callable[..., None]
@@ -50,12 +47,22 @@ def test_of_a_capture_that_fits_on_the_disk_memory_holds_little(
 ) -> None:
     few, many = capture(20, 240, 320), capture(100, 240, 320)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    for refined in (False, True):
-        monkeypatch.setenv("TMPDIR", str(tmp_path))
-        on_disk = needed(many, free_memory, way=WAY, refined=refined)
-        assert on_disk < 2.5 * needed(few, free_memory, way=WAY, refined=refined)  # of five times as many
-        monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-        assert needed(many, free_memory, way=WAY, refined=refined) > on_disk
+    on_disk = needed(many, free_memory, way=WAY)
+    assert on_disk < 2.5 * needed(few, free_memory, way=WAY)  # of five times as many
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+    assert needed(many, free_memory, way=WAY) > on_disk
+
+
+def test_photos_that_a_list_is_trained_on_count_beside_their_copies_for_the_network(free_memory: Says) -> None:
+    copies, photos = capture(24, 256, 384), capture(24, 1024, 1536)
+    enough = needed(copies, free_memory, way=WAY, trained_on=photos)
+    assert needed(copies, free_memory, way=WAY) < enough < needed(photos, free_memory, way=WAY)
+    free_memory(int(0.7e9 * enough))
+    with refusing(ts.InputError, "24 1536x1024 --size") as caught:
+        check_memory(copies, WAY, trained_on=photos)
+    found = re.search(r"--size (\d+)x(\d+)", str(caught.value))
+    assert found and int(found[1]) > 384
+    check_memory(copies, WAY, trained_on=capture(24, int(found[2]), int(found[1])))
 
 
 @pytest.mark.parametrize("count", [2, 6, 100])
@@ -80,14 +87,14 @@ def test_no_size_is_told_where_none_would_do(free_memory: Says) -> None:
     assert "--size" not in str(caught.value)
 
 
-def test_a_capture_is_held_against_some_of_its_photos() -> None:
+def test_many_views_are_held_against_some_of_their_photos() -> None:
     views = looked_at(100)
     assert len(views) < 100 and np.diff([-1, *views, 100]).max() <= 2 * 100 / len(views)
     gaussians = make_gaussians(7)
     pictures = np.stack([ts.render(gaussians, gaussians.cameras[v]) for v in (1, 5)])
     seen = [gaussians.cameras[v] for v in (1, 5)]
-    assert own_psnr(lambda _: gaussians, seen, pictures, None) > 90
-    assert own_psnr(lambda _: gaussians, seen[::-1], pictures, None) < 60
+    assert own_psnr(gaussians, seen, pictures, None) > 90
+    assert own_psnr(gaussians, seen[::-1], pictures, None) < 60
 
 
 def test_of_a_large_photo_the_middle_band_is_compared() -> None:
@@ -99,37 +106,4 @@ def test_of_a_large_photo_the_middle_band_is_compared() -> None:
     photo = np.zeros_like(picture)
     photo[band] = picture[band].clip(0.2, 0.8) + noise  # nothing is like it above and below
     wanted = -10 * np.log10(np.mean((picture[band].clip(0, 1) - photo[band]) ** 2))
-    assert own_psnr(lambda _: gaussians, [camera], photo[None], 1) == pytest.approx(wanted, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("asked", "wanted"),
-    [({}, Refinement()), ({"refine": "no"}, None), ({"refine": 3}, Refinement(3)), ({"mode": "photos"}, None)],
-    ids=str,
-)
-def test_three_photos_or_more_are_refined_unless_somebody_says_otherwise(asked, wanted, free_memory: Says) -> None:
-    free_memory(int(60e9))
-    for count in (2, 3, 40):
-        heard = Heard()
-        _, found = chosen(EncodeRequest(capture(count, 480, 640), **asked), capture(count, 480, 640), WAY, heard)
-        assert found == (wanted if asked or count > 2 else None)
-        assert any("--no-refine" in line for line in heard.lines) == (not asked and count > 2)
-
-
-def test_without_numba_or_memory_a_capture_is_not_refined_and_it_is_said(
-    free_memory: Says, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
-    scene, heard = capture(40, 480, 640), Heard()
-    request = EncodeRequest(scene)
-    plain, refined = (needed(scene, free_memory, way=WAY, refined=refined) for refined in (False, True))
-    free_memory(int((plain + refined) / 2 * 1e9))
-    assert chosen(request, scene, WAY, heard)[1] is None
-    assert any(tells(line, "capture: 40 640x480 GB") for line in heard.lines)
-    with refusing(ts.InputError, "GB"):
-        chosen(EncodeRequest(scene, refine=True), scene, WAY, heard)
-    monkeypatch.setitem(sys.modules, "numba", None)
-    assert chosen(request, scene, WAY, heard)[1] is None and 'pip install "tinysplat[fast]"' in heard.lines[-1]
-    free_memory(int(plain / 2 * 1e9))
-    with refusing(ts.InputError, "GB"):
-        chosen(request, scene, WAY, heard)
+    assert own_psnr(gaussians, [camera], photo[None], 1) == pytest.approx(wanted, abs=0.01)

@@ -16,7 +16,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe import request
 from tinysplat_runtime.recipe.options import Options
 from tinysplat_runtime.recipe.request import CompressRequest, EncodeRequest, ExportRequest
-from tinysplat_runtime.recipe.words import AutoViews, Refinement
+from tinysplat_runtime.recipe.words import AutoViews, Training
 
 REQUESTS = {"encode": EncodeRequest, "compress": CompressRequest, "convert": ExportRequest}
 
@@ -40,8 +40,12 @@ REQUESTS = {"encode": EncodeRequest, "compress": CompressRequest, "convert": Exp
         ({"views": "auto:1"}, "views: "),
         ({"size": [0, 4]}, "size: "),
         ({"size": "wide"}, "size: "),
-        ({"refine": "soon"}, "refine: "),
-        ({"refine": 3, "mode": "photos"}, "refine: "),
+        ({"train": "soon"}, "train: "),
+        ({"train": 0}, "train: "),
+        ({"train": 3, "mode": "photos"}, "train: "),
+        ({"at_most": 9, "mode": "gaussians"}, "at_most: "),
+        ({"at_most": 9, "fast": True}, "at_most: "),
+        ({"fast": True, "mode": "list"}, "fast: "),
         ({"first_number": 2}, "first_number: "),
         ({"quality": 3}, "quality"),
     ],
@@ -65,7 +69,7 @@ def test_what_cannot_be_used_is_named_with_what_can(options, said: str) -> None:
         ({"trim_border": 0}, "trim_border: 0"),
         ({"spz_version": 5}, "spz_version: 5, 2, 3, 4"),
         ({"unit": "a\nb"}, "unit: "),
-        ({"at_most": 99}, "at_most: "),
+        ({"at_most": 99}, "at_most"),
         ({"scale": 1e30}, "scale: 1e+30"),
     ],
     ids=str,
@@ -87,11 +91,11 @@ def test_no_option_takes_what_is_nothing() -> None:
 
 
 def test_options_in_words_and_as_values_are_the_same_request() -> None:
-    words = EncodeRequest("d", views="0,4", size="48x32", target_size="1.5KB", refine="20", near="0.5")
-    values = EncodeRequest("d", views=np.array([0, 4]), size=[32, 48], target_size=1500, refine=20, near=0.5)
+    words = EncodeRequest("d", views="0,4", size="48x32", target_size="1.5KB", train="20", near="0.5")
+    values = EncodeRequest("d", views=np.array([0, 4]), size=[32, 48], target_size=1500, train=20, near=0.5)
     assert words == values
-    assert EncodeRequest("d", views="auto", refine="2.5s", size="full") == EncodeRequest(
-        "d", views=AutoViews(), refine=Refinement(seconds=2.5), size="full"
+    assert EncodeRequest("d", views="auto", train="2.5s", size="full") == EncodeRequest(
+        "d", views=AutoViews(), train=Training(seconds=2.5), size="full"
     )
     words = ExportRequest(sh_bits="8,7", crop="0,0,0,1,1,2", rotate="x,180", translate="1,2,3", dilate=True)
     values = ExportRequest(

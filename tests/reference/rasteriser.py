@@ -59,41 +59,22 @@ def own_pixels(gaussians: Gaussians) -> NDArray:
     return np.concatenate(sizes)
 
 
-def shares(gaussians: Gaussians, camera: Camera) -> tuple[NDArray, NDArray]:
-    """(N,) each: the share of its opacity that each Gaussian is drawn first with, and then."""
-    front, whole, _ = _shares_of_views(gaussians, camera)
-    sizes = [(n, layer.opacities[0].size) for n, layer in enumerate(gaussians.layers)]
-    first = [np.repeat(front * (n == 0), size) for n, size in sizes]
-    return np.concatenate(first), np.concatenate([np.repeat(whole, size) for _, size in sizes])
-
-
-def _shares_of_views(gaussians: Gaussians, camera: Camera) -> NDArray:
-    """(3, V) by view: what of it is drawn first, what then, and of its coarse surface behind all that."""
+def shares(gaussians: Gaussians, camera: Camera) -> NDArray:
+    """(N,) the share of its alphas that each Gaussian is drawn first with."""
     photos = gaussians.cameras
-    if len(photos) < 2:
-        return np.array([[0.0], [1.0], [0.0]])
-    z = [
-        (gaussians.means[v].astype(np.float64) + gaussians.origin - photo.c2w[:3, 3]) @ photo.c2w[:3, 2]
-        for v, photo in enumerate(photos)
-    ]
-    depth = 1 / np.mean(1 / np.concatenate([part[part > 0] for part in z]))
-    distance = np.array(
-        [math.hypot(*((camera.c2w - photo.c2w)[:3, 3] / depth), *(camera.c2w - photo.c2w)[:3, 2]) for photo in photos]
-    )
-    ranked = np.sort(distance)
-    if len(photos) <= 6:
-        front = np.clip((1.5 * ranked[1] - distance) / (1.5 * ranked[1] - ranked[0]), 0, 1)
-        return np.stack([front**2, np.ones(len(photos)), np.zeros(len(photos))])
-    whole, behind = np.clip((ranked[4] - distance) / (ranked[4] - ranked[0]), 0, 1), np.ones(len(photos))
-    if len(photos) > 12:
-        behind = np.clip((ranked[12] - distance) / (ranked[12] - ranked[4]), 0, 1)
-    return np.stack([whole**2, whole, behind])
-
-
-def _coarse(gaussians: Gaussians) -> NDArray:
-    """Rows of `flat()` of which coarse surfaces are made: of layer 0, every fourth pixel of every fourth row."""
-    grid = gaussians.opacities.shape
-    return np.arange(math.prod(grid)).reshape(grid)[:, 2::4, 2::4].ravel()
+    front = np.zeros(max(len(photos), 1))
+    if len(photos) > 1:
+        z = [
+            (gaussians.means[v].astype(np.float64) + gaussians.origin - photo.c2w[:3, 3]) @ photo.c2w[:3, 2]
+            for v, photo in enumerate(photos)
+        ]
+        depth = 1 / np.mean(1 / np.concatenate([part[part > 0] for part in z]))
+        apart = [(camera.c2w - photo.c2w)[:3] for photo in photos]
+        distance = np.array([math.hypot(*(one[:, 3] / depth), *one[:, 2]) for one in apart])
+        ranked = np.sort(distance)
+        front = np.clip((1.5 * ranked[1] - distance) / (1.5 * ranked[1] - ranked[0]), 0, 1) ** 2
+    sizes = [(n, layer.opacities[0].size) for n, layer in enumerate(gaussians.layers)]
+    return np.concatenate([np.repeat(front * (n == 0), size) for n, size in sizes])
 
 
 def render_reference(
@@ -103,48 +84,31 @@ def render_reference(
     near_plane: float = 0.01,
     dilation: str = "screen",
     order: str = "depth",
-    share: tuple[NDArray, NDArray] | None = None,
+    share: NDArray | None = None,
 ) -> dict[str, NDArray]:
-    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` in place of `shares`,
-    and then without coarse surfaces.
-    """
+    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` for `shares`."""
     flat = gaussians.flat()
     own = own_pixels(gaussians) if dilation == "own" else np.zeros(flat.opacities.size)
-    rows, size = np.arange(flat.opacities.size), np.ones(flat.opacities.size)
-    front, whole = np.zeros(rows.size), np.ones(rows.size)
+    front = np.zeros(flat.opacities.size)
     if order == "near" and gaussians.cameras:
-        front, whole = shares(gaussians, camera) if share is None else share
-        if share is None and len(gaussians.cameras) > 6:  # coarse surfaces, four times as large, behind all else
-            coarse = _coarse(gaussians)
-            behind = np.repeat(_shares_of_views(gaussians, camera)[2], coarse.size // len(gaussians.cameras))
-            rows, size = np.append(rows, coarse), np.append(size, np.full(coarse.size, 4.0))
-            front, whole = np.append(front, 0 * behind), np.append(whole, behind)
-    means = flat.means[rows].astype(np.float64) + (flat.origin - camera.centre)
+        front = shares(gaussians, camera) if share is None else share
+    means = flat.means.astype(np.float64) + (flat.origin - camera.centre)
     points = means @ camera.rotation.T
     basis = sh_basis(means / np.linalg.norm(means, axis=-1, keepdims=True), flat.degree)
-    colours = np.maximum(0.5 + np.einsum("nb,nbc->nc", basis, flat.sh[rows].astype(np.float64)), 0)
+    colours = np.maximum(0.5 + np.einsum("nb,nbc->nc", basis, flat.sh.astype(np.float64)), 0)
 
     pixels = np.stack(np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5), axis=-1)
     pictures = before, behind_it = Picture(pixels.shape[:2]), Picture(pixels.shape[:2])
-    is_open = None
-    for i in np.lexsort((points[:, 2], size)):
+    for i in np.argsort(points[:, 2], kind="stable"):
         z = points[i, 2]
-        if z <= near_plane or whole[i] == 0:
+        if z <= near_plane:
             continue
-        if size[i] > 1 and is_open is None:
-            is_open = before.left * behind_it.left > 1 / 64
         to_pixels = jacobian(camera, points[i]) @ camera.rotation
-        axes = (
-            to_pixels
-            @ rotation_matrix(flat.quats[rows[i]].astype(np.float64))
-            * (size[i] * flat.scales[rows[i]].astype(np.float64))
-        )
-        opacity = whole[i] * flat.opacities[rows[i]]
+        axes = to_pixels @ rotation_matrix(flat.quats[i].astype(np.float64)) * flat.scales[i].astype(np.float64)
+        opacity = float(flat.opacities[i])
         footprint = axes @ axes.T + 0.3 * np.eye(2)
-        if own[rows[i]] > 0:
-            pixel = max(
-                size[i] * own[rows[i]] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8
-            )  # its width on the screen
+        if own[i] > 0:
+            pixel = max(own[i] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8)  # its width on the screen
             if pixel > 1:
                 lacks = 0.3 * pixel**2 - np.linalg.eigvalsh(axes @ axes.T)[0]
                 footprint = axes @ axes.T + max(lacks, 0.3) * np.eye(2)
@@ -155,9 +119,7 @@ def render_reference(
         d = pixels - (camera.K @ points[i])[:2] / z
         alpha = np.minimum(0.99, opacity * np.exp(-0.5 * np.einsum("hwi,ij,hwj->hw", d, inverse, d)))
         alpha[alpha < 1 / 255] = 0
-        if size[i] > 1:
-            alpha = alpha * is_open
-        for picture, part in zip(pictures, (front[i] / whole[i], 1), strict=True):
+        for picture, part in zip(pictures, (front[i], 1), strict=True):
             picture.blend(part * alpha, colours[i], z)
     rgb, depth = (getattr(before, name) + (before.left.T * getattr(behind_it, name).T).T for name in ("rgb", "depth"))
     left = before.left * behind_it.left

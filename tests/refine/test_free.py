@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +17,7 @@ from tinysplat_runtime.refine.descent import Descent, Pace
 from tinysplat_runtime.refine.free import FreeGaussians
 from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, TURN
 from tinysplat_runtime.render.gradient import Target
+from tinysplat_runtime.render.kernels_gradient import BLOCK
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
@@ -65,6 +68,62 @@ def test_gradients_are_finite_differences_of_the_float64_reference(size: float, 
             shift[kind, row] = STEP
             wanted = (error(values + shift) - error(values - shift)) / (2 * STEP)
             assert gradient[kind, row] == pytest.approx(wanted, rel=rtol, abs=1e-3 * scale), (kind, row)
+
+
+@pytest.mark.parametrize("backdrop", [0.0, 0.4])
+def test_structure_changes_as_gradients_say_where_photos_know_something(backdrop: float) -> None:
+    """All Gaussians at once, each up or down at random; the loss is half |error| and half 1 − SSIM."""
+    start, units = before_a_camera(1.5), np.full(30, 0.1, np.float32)
+    camera = Camera([[40, 1.0, 20], [0, 38, 14], [0, 0, 1]], make_cameras(3, 29, 42, spacing=0.5)[0].c2w, 42, 29)
+    photo = np.random.default_rng(6).uniform(size=(29, 42, 3)).astype(np.float32)
+    photo[5:12, 20:30] = np.nan
+    free = FreeGaussians(start, units, Crew(2).map)
+    gradient = np.zeros_like(free.values)
+    error = free.measure(Target(camera, photo).before(backdrop), gradient=gradient, structure=0.5)
+    values = free.values[:, :30].astype(np.float64)
+
+    def seen(values: np.ndarray) -> np.ndarray:
+        found = render_reference(moved(start, units, values), camera)
+        return found["rgb"] + backdrop * (1 - found["alpha"][..., None])
+
+    def loss(values: np.ndarray) -> float:
+        return float(0.5 * np.nansum(np.abs(seen(values) - photo)) - 0.5 * likeness(seen(values), photo))
+
+    known = np.isfinite(photo[..., 0])
+    assert error.psnr == pytest.approx(
+        -10 * np.log10(np.square(seen(values).clip(0, 1) - photo)[known].mean()), abs=1e-3
+    )
+    rng = np.random.default_rng(0)
+    for kind in range(len(values)):
+        step = np.zeros_like(values)
+        step[kind] = rng.choice([-1e-7, 1e-7], 30)
+        wanted = loss(values + step) - loss(values - step)
+        whole = np.abs(gradient[kind, :30] * step[kind]).sum()
+        assert 2 * (gradient[:, :30] * step).sum() == pytest.approx(wanted, abs=4e-3 * whole + 2e-11), kind
+
+
+def likeness(seen: np.ndarray, photo: np.ndarray) -> float:
+    """SSIM (Wang et al. 2004) of every colour of every block of pixels that is known, times its pixels."""
+    total, constants = 0.0, (0.01**2, 0.03**2)
+    for top, left in itertools.product(*(range(0, side, BLOCK) for side in photo.shape[:2])):
+        for x, y in zip(*(one[top:, left:][:BLOCK, :BLOCK].reshape(-1, 3).T for one in (seen, photo)), strict=True):
+            if np.isnan(y).any():
+                continue
+            (xx, xy), (_, yy) = np.cov(x, y, bias=True)
+            products = (2 * x.mean() * y.mean(), x.mean() ** 2 + y.mean() ** 2), (2 * xy, xx + yy)
+            total += len(x) * math.prod((a + c) / (b + c) for (a, b), c in zip(products, constants, strict=True))
+    return total
+
+
+def test_gradients_depend_on_neither_threads_nor_repetition() -> None:
+    start, camera = make_list(3000, 1, np.random.default_rng(0)), make_cameras(3, 70, 300)[0]
+    start = replace(start, means=np.random.default_rng(4).uniform([-4, -1, 2], [4, 1, 4], (3000, 3)))
+    found = []
+    for threads in (1, 2, 5, 5):
+        free = FreeGaussians(start, np.ones(3000, np.float32), Crew(threads).map, 4)
+        found.append(np.zeros_like(free.values))
+        free.measure(Target(camera, np.full((70, 300, 3), 0.5, np.float32)), gradient=found[-1], structure=0.2)
+    assert np.abs(found[0]).max() > 0 and all((other == found[0]).all() for other in found[1:])
 
 
 def test_free_gaussians_are_what_they_were_until_they_move_and_lose_only_what_is_dropped():

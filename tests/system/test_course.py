@@ -12,7 +12,7 @@ import pytest
 
 from tinysplat.commands.compare import STEPS as COMPARING
 from tinysplat.poses.placing import ahead as ahead_of_poses
-from tinysplat_runtime.recipe.ahead import CHECKS, CODED, COMPARED, LISTED, LOOKED, REFINED, TRAINED
+from tinysplat_runtime.recipe.ahead import AGREED, CHECKS, CODED, COMPARED, LISTED, TRAINED
 from tinysplat_runtime.system.course import Course
 
 FACTOR = 1.5
@@ -58,21 +58,19 @@ def to_gaussians(count: int, each: float) -> list[Step]:
 
 
 def capture(count: int, each: float) -> Run:
-    """Refined, by default."""
-    full = 0.52 * each * count
+    """`--fast`."""
     steps = [
         *to_gaussians(count, each),
-        Step("looking at photos", photos(count, each / 4), after=count * each / 6),
-        Step("refining", [full / 2, *[full / 4] * 4, *[full] * 3], after=full / 2.5, costs=[1] * 5 + [4] * 3),
+        Step("comparing neighbours", photos(count, each / 8)),
         Step("planning", after=count * each / 9),
         Step("coding planes", photos(16 * count, each / 24)),
         Step("comparing photos", photos(8, 0.55 * each), before=0.3),
     ]
-    return Run([*CHECKS, *NETWORK, ("looking at photos", LOOKED), ("refining", 8 * REFINED), *CODED, *COMPARED], steps)
+    return Run([*CHECKS, *NETWORK, *AGREED, *CODED, *COMPARED], steps)
 
 
 def listed(count: int, each: float) -> Run:
-    """`--mode list`."""
+    """By default."""
     steps, costs = max(800, 50 * count), []
     for share, cost in ((0.1, 1.0), (0.3, 1.5), (0.6, 3.0)):
         costs += [cost] * round(share * steps)

@@ -3,7 +3,7 @@
 import { readFileSync, writeFileSync } from "node:fs";
 import { createInterface } from "node:readline";
 import { crc32 } from "../../runtime/tinysplat_runtime/web/cursor.js";
-import { TsplatError, decode, decodeViews } from "../../runtime/tinysplat_runtime/web/tsplat.js";
+import { TsplatError, decode } from "../../runtime/tinysplat_runtime/web/tsplat.js";
 
 const TYPES = new Map([[Float32Array, "<f4"], [Float64Array, "<f8"], [Int32Array, "<i4"], [Uint16Array, "<u2"]]);
 
@@ -85,19 +85,11 @@ async function answer({ file, out, options = {} }) {
   if (options.network) options = { ...options, network: networkOf(options.network) };
   const began = performance.now();
   try {
-    const { ranges, ...rest } = options;
-    const bytes = readFileSync(file);
-    let asked = 0;
-    const read = async (offset, length) => {
-      asked += length;
-      return bytes.subarray(offset, offset + length);
-    };
-    const given = { threads: 0, ...rest };
-    const scene = await (ranges ? decodeViews(read, ranges, given) : decode(bytes, given));
+    const scene = await decode(readFileSync(file), { threads: 0, ...options });
     const ms = performance.now() - began;
     if (out) writeFileSync(out, npz(arraysOf(scene)));
     const { count, notes, missing, mode } = scene;
-    return { count, notes, missing, mode, asked, ms, mb: process.memoryUsage.rss() / 2 ** 20 };
+    return { count, notes, missing, mode, ms, mb: process.memoryUsage.rss() / 2 ** 20 };
   } catch (error) {
     const ms = performance.now() - began;
     const kind = error instanceof TsplatError ? "TsplatError" : error.name;

@@ -18,7 +18,7 @@ from tinysplat.measure.runner import RunOutcome, RunPlan, document, run_jobs
 from tinysplat.measure.show.quality import results_text
 from tinysplat.measure.subjects.cases import Source
 from tinysplat.measure.subjects.sources import ChunkSource, find_sources
-from tinysplat_runtime.cli.arguments import budget, indices, size
+from tinysplat_runtime.cli.arguments import indices, size
 from tinysplat_runtime.cli.options import add_threads
 from tinysplat_runtime.cli.outputs import made_folder
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
@@ -78,9 +78,6 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--lpips", choices=("vgg", "none"), default="vgg", help="default vgg")
     parser.add_argument("--lpips-backbone", metavar="F.pth", help="torchvision's weights of the backbone")
     parser.add_argument("--lpips-linear", metavar="F.pth", help="linear weights; default: the package lpips's")
-    parser.add_argument(
-        "--refine", type=budget, metavar="STEPS|10s", help="correct Gaussians first, as `encode --refine` does"
-    )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="windows measured at a time; default 1")
     parser.add_argument("--json", metavar="F.json", help="write all figures as JSON")
     add_threads(parser)
@@ -124,7 +121,7 @@ def run(args: Namespace) -> None:
     )
     folder = made_folder(args.output)
     codings = tuple(ProfileQp(p, q) for p in args.profile for q in args.qp)
-    quality = Quality(codings, lpips, args.refine)
+    quality = Quality(codings, lpips)
     threads = args.threads or max(1, available_cores() // args.jobs)
     began, store = time.perf_counter(), RowFile(folder / ROWS)
     outcome = run_jobs(plan, quality, store, threads=threads, processes=args.jobs, quiet=args.quiet)

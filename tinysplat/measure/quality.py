@@ -19,19 +19,15 @@ from numpy.typing import NDArray
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
-from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.difference import attribute_errors
-from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.graphs.masked import hidden
 from tinysplat_runtime.graphs.predict import predict
-from tinysplat_runtime.recipe.words import Refinement
-from tinysplat_runtime.refine.stats import RefineStats
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 
 from .lpips import LpipsFiles, load_lpips
 from .metrics import judged, psnr
-from .pictures import PictureJudge, PictureMetric, photo_psnr
+from .pictures import PictureJudge, PictureMetric
 from .rows import Row, grouped
 from .subjects.cases import Shots, WindowJob, covered_pixels
 
@@ -59,19 +55,14 @@ class Quality:
     Attributes:
         codings: each is done for every window.
         lpips: weights, or None.
-        refine: steps or seconds to correct Gaussians of scene folders for, before all else; None to leave them. Their
-            bytes are counted as the first coding's.
     """
 
     codings: tuple[ProfileQp, ...]
     lpips: LpipsFiles | None = None
-    refine: Refinement | None = None
 
     def wanted(self, job: WindowJob) -> list[Row]:
         """A window's rows with neither figures nor costs: what is to be measured."""
-        options = [str(self.lpips or ""), str(self.refine)]
-        stamp = job.stamp(*options)
-        chosen = {"refine": str(self.refine)} if self.refine else {}
+        stamp = job.stamp(str(self.lpips or ""))
         window = job.window
         identity = {
             "scene": job.source.name,
@@ -83,9 +74,7 @@ class Quality:
             "size": job.size,
         }
         row = Row(STUDY, f"{job.source.name} {window}", "", stamp=stamp)
-        return [
-            replace(row, way=f"{c.profile} {c.qp:g}", setting={**identity, **asdict(c), **chosen}) for c in self.codings
-        ]
+        return [replace(row, way=f"{c.profile} {c.qp:g}", setting={**identity, **asdict(c)}) for c in self.codings]
 
     def measure(self, job: WindowJob, wanted: Sequence[Row], runtime: Runtime) -> Iterator[Row]:
         """Some of them, measured."""
@@ -125,8 +114,6 @@ class Prepared:
             gaussians = predict(context.images, context.cameras, shots.near, shots.far, graph)
             if shots.scene is not None:
                 gaussians = hidden(gaussians, shots.scene)
-        if quality.refine is not None:
-            gaussians, shared["refined"] = _refined(job, gaussians, shots, quality, runtime, watch)
         pictures, cameras = PictureJudge(gaussians, shots.targets.cameras, runtime.threads), context.cameras
         covered = tuple(covered_pixels(c, cameras, shots.near, shots.far) for c in pictures.cameras)
         per_image = {"coverage": [float(mask.mean()) for mask in covered]}
@@ -136,27 +123,6 @@ class Prepared:
         for name, images in (("_raw", pictures.raw), ("_photo", nearest)):
             per_image |= _scores(images, photos, lpips, name, covered)
         return cls(shots, pictures, watch.seconds, per_image, covered, shared)
-
-
-def _refined(
-    job: WindowJob, gaussians: Gaussians, shots: Shots, quality: Quality, runtime: Runtime, watch: Stopwatch
-) -> tuple[Gaussians, JsonObject]:
-    """Gaussians corrected, and how far that went: `psnr_before` is that of the network's own."""
-    if shots.scene is None or quality.refine is None:
-        raise InputError("only windows of scene folders can be refined", where=f"{job.source.name} {job.window}")
-    stats, coding = RefineStats(), quality.codings[0]
-    before = photo_psnr(gaussians, shots.targets.cameras, shots.targets.images, runtime.threads)
-    with watch.stage("refine"):
-        better = runtime.refine(
-            gaussians,
-            replace(shots.scene, near=shots.near, far=shots.far),
-            quality.refine.steps,
-            seconds=quality.refine.seconds,
-            profile=coding.profile,
-            qp=coding.qp,
-            stats=stats,
-        )
-    return better, {"psnr_before": before, "steps": stats.steps, "kept": stats.kept}
 
 
 def _measure_coding(row: Row, prepared: Prepared, runtime: Runtime, lpips: PictureMetric | None) -> Row:

@@ -7,18 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
-from ..codec.modes import DEFAULT_MODE, LIST
+from ..codec.modes import LIST
 from ..container.layout import SUFFIX
 from ..container.list import List
 from ..errors import InputError, within
 from ..formats.viewpoints import found_beside
 from ..graphs.providers import providers_of
+from ..graphs.ways import LEAST_EACH
 from ..recipe.encode import Encoded, listed
 from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos
 from ..recipe.export import KEEPS_CAMERAS
 from ..recipe.request import CompressRequest, EncodeRequest
-from ..render.near import FEW
 from ..system.stopwatch import Stopwatch
 from ..system.voice import Voice
 from .files import named, write_file, write_json
@@ -50,7 +50,7 @@ def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
     from ..recipe.export import exported, write_list
     from ..recipe.request import Coding, ExportRequest
 
-    given = [name for name in (*Coding.options(), "report") if getattr(args, name, None)]
+    given = [name for name in (*Coding.options(), "report", "fast") if getattr(args, name, None)]
     if given or args.mode not in (None, LIST):
         option = f"--{(given or ['mode'])[0].replace('_', '-')}"
         raise InputError(f"of .tsplat files, expected none with {args.output}", where=option)
@@ -107,16 +107,12 @@ def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> N
     from ..recipe.own import LOW_DB, compared
 
     scene, camera = coded.photos, coded.photos.cameras[0]
-    compiled = None if coded.refinement else False  # which refinement has loaded
+    compiled = None if len(scene.frames) >= LEAST_EACH else False  # which judging and training have loaded
     look = compared(coded.data, scene, runtime, model, voice, compiled=compiled)
     voice.done(
         f"{len(scene.frames)} views of {camera.width}x{camera.height}, {look.gaussians} Gaussians,"
         f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {look.psnr:.1f} dB at its own photos"
     )
-    if coded.stats.mode == DEFAULT_MODE and len(scene.frames) > FEW:
-        voice.say(
-            "notice", "--mode list makes one sparse scene of it, smaller and mostly sharper; --mode auto tries both"
-        )
     if look.psnr < LOW_DB:
         known = "not units, w2c, axes or overlap; photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known

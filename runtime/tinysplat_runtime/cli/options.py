@@ -36,7 +36,7 @@ def add_option(container: Container, name: str, option: Option) -> None:
         container.add_argument(f"--{word}", action="store_true", help=option.help)
         return
     about: dict[str, Any] = {"choices": [str(choice) for choice in option.choices]} if option.choices else {}
-    if option.kind in (words.path, words.file, words.scene, words.cameras):
+    if option.kind in (words.path, words.file, words.cameras):
         about["type"] = Input
     elif option.kind is words.written:
         about["type"] = Output

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import http.server
-import io
 import math
-import re
 import threading
 import webbrowser
 from argparse import Namespace
@@ -14,7 +12,6 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
-from types import MappingProxyType
 from urllib.parse import urlsplit
 
 from numpy.typing import NDArray
@@ -26,11 +23,10 @@ from ..container.reader import read_container
 from ..errors import InputError, within
 from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians
-from ..page.build import SCENE, Shown, player_page, scene_files, scene_page
+from ..page.build import Shown, player_page, scene_files, scene_page
 from ..page.front import front_of, front_view
 from ..page.story import load_story, story_of
 from ..render import render
-from ..render.near import FEW
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
 from ..scene.matching import reach_of, taken_as
@@ -68,10 +64,8 @@ def view(args: Namespace) -> None:
             raise InputError("goes with --html FOLDER", where="--files")
         content = Content.of(args.file, args.cameras, args.photos, args.background, args.story, Voice(args.quiet))
         if path is None:
-            source = SCENE if content.view_count > FEW else None
-            parts = {} if source is None else {source: content.data}
-            page = scene_page(content.data, content.shown, source)
-            serve(page, args.port, parts, quiet=args.quiet, browser=not args.no_browser)
+            page = scene_page(content.data, content.shown)
+            serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
             return
         if args.as_files:
             written = _written_files(path, scene_files(content.data, content.shown))
@@ -104,12 +98,10 @@ class Content:
 
     Attributes:
         data: the .tsplat file.
-        view_count: how many views it has.
         shown: the rest.
     """
 
     data: bytes
-    view_count: int
     shown: Shown
 
     @classmethod
@@ -136,7 +128,7 @@ class Content:
             photos = _photos(load_scene(photos_of).with_masks(None), views or cameras, told)  # as they were taken
         first = front_view(views or cameras)
         front = (views or cameras)[first] if views or cameras else None
-        gaussians = _near(runtime, data, front if views else None)
+        gaussians = runtime.decompress(data)
         front = front or front_of(gaussians)
         if not (views or cameras):
             first = front_view(gaussians.viewpoints)
@@ -145,15 +137,7 @@ class Content:
                 story.check_scene(gaussians.flat().means + gaussians.origin, front.centre)
         poster, title = _poster(gaussians, front, background), printable(Path(file).stem)
         told_by = None if story is None else story.document
-        return cls(data, len(views), Shown(title, cameras, photos, first, poster, background, told_by))
-
-
-def _near(runtime: Runtime, data: bytes, camera: Camera | None) -> Gaussians:
-    """What shows from a camera of a capture, by the views next to it alone; all of a list, where there is none."""
-    if camera is None:
-        return runtime.decompress(data)
-    with runtime.open(io.BytesIO(data)) as file:
-        return file.near(camera)
+        return cls(data, Shown(title, cameras, photos, first, poster, background, told_by))
 
 
 def _poster(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float] | None) -> NDArray:
@@ -164,39 +148,23 @@ def _poster(gaussians: Gaussians, camera: Camera, background: tuple[float, float
     return picture
 
 
-def serve(
-    page: str, port_number: int, beside: Mapping[str, bytes] = MappingProxyType({}), *, quiet: bool, browser: bool
-) -> None:
-    """Serve the page, and files beside it in ranges, on this machine alone until interrupted."""
-    text = ("text/html; charset=utf-8", page.encode())
-    parts = {"/": text, "/index.html": text}
-    parts |= {f"/{name}": ("application/octet-stream", data) for name, data in beside.items()}
+def serve(page: str, port_number: int, *, quiet: bool, browser: bool) -> None:
+    """Serve the page on this machine alone until interrupted."""
+    text = page.encode()
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             if not is_this_machine(self.headers.get("Host", "")):
                 self._answer(HTTPStatus.FORBIDDEN, "text/plain", FOREIGN_HOST.encode())
-            elif (place := self.path.partition("?")[0]) in parts:
-                self._give(*parts[place])
+            elif self.path.partition("?")[0] in ("/", "/index.html"):
+                self._answer(HTTPStatus.OK, "text/html; charset=utf-8", text)
             else:
                 self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"")
 
         do_HEAD = do_GET  # noqa: N815  as the library calls it
 
-        def _give(self, kind: str, body: bytes) -> None:
-            asked = re.fullmatch(r"bytes=([0-9]{1,15})-([0-9]{0,15})", self.headers.get("Range", ""))
-            if asked is None:
-                return self._answer(HTTPStatus.OK, kind, body)
-            first, last = int(asked[1]), min(int(asked[2] or len(body)), len(body) - 1)
-            if first > last:
-                return self._answer(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, kind, b"", f"*/{len(body)}")
-            part = body[first : last + 1]
-            return self._answer(HTTPStatus.PARTIAL_CONTENT, kind, part, f"{first}-{last}/{len(body)}")
-
-        def _answer(self, status: HTTPStatus, kind: str, body: bytes, given: str = "") -> None:
+        def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
             self.send_response(status)
-            if given:
-                self.send_header("Content-Range", f"bytes {given}")
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.end_headers()
@@ -247,7 +215,7 @@ def _photos(scene: Scene, cameras: Sequence[Camera], told: Told) -> dict[int, ND
     photos: dict[int, NDArray] = {}
     reach = max(reach_of(cameras), 1e-9)
     for i, camera in enumerate(told.progress("reading photos", cameras)):
-        photo, *_ = taken_as(camera, scene, reach)
+        photo = taken_as(camera, scene, reach)
         if photo is not None:
             own = scene.frames[photo].camera
             most = max(own.height / camera.height, own.width / camera.width, 1.0)

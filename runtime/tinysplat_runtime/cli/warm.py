@@ -56,7 +56,6 @@ def _works(runtime: Runtime, folder: Path) -> list[tuple[str, Callable[[], objec
 
     return [
         ("drawing", draw),
-        ("depth and refinement", lambda: runtime.encode(folder, views="all", refine=2)),
+        ("depth and training", lambda: runtime.encode(folder, views="all", train=2)),
         ("lists", prune),
-        ("training", lambda: runtime.encode(folder, views="all", mode="list", refine=2)),
     ]

@@ -34,8 +34,7 @@ def decode_file(
         told: who is told how many pictures are decoded.
 
     Returns:
-        Gaussians with cameras and all layers. A file in parts by view that is cut or damaged gives the views of which
-        there is something.
+        Gaussians with cameras and all layers.
 
     Raises:
         FormatError: a damaged picture; nothing that depth can be decoded of in layer 0.

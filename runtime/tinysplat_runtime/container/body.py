@@ -177,7 +177,6 @@ class Container:
         parameter_sets: HEVC parameter sets by index.
         notes: what the scene's maker says about it, and how it was refined.
         total_bytes: size of the whole file, of which `read_container` may have been given a prefix.
-        absent: views that it lacks as their bytes are not at hand, or damaged.
         chosen: views that were asked for, where the mode's need one another and all have to be decoded.
     """
 
@@ -190,21 +189,19 @@ class Container:
     parameter_sets: Mapping[int, bytes]
     notes: Notes
     total_bytes: int
-    absent: tuple[int, ...] = ()
     chosen: Sequence[int] | None = None
 
     @property
     def lost(self) -> list[str]:
-        """Names of the views and pictures that are cut off or damaged."""
+        """Names of the pictures that are cut off or damaged."""
         table = self.table
-        absent = [
+        return [
             self.body.picture_name(layer, record, table.views[view])
             for layer in sorted(table.layers)
             for record in table.layers[layer]
             for view in range(len(record.pictures))
             if record.lacks(view)
         ]
-        return [*(f"view {view}" for view in self.absent), *absent]
 
     @property
     def mode(self) -> str:

@@ -47,7 +47,7 @@ SCENE_FIXED = struct.Struct("<HHf3d16s")
 """cameras, layers or tiers, Q_g, origin, profile name (ASCII, zero-padded)."""
 
 PICTURES_FIXED = struct.Struct("<HHH")
-"""rows, views of a row's pictures, 1 where DATA is in parts by view; then CHANNEL per row, and STREAMs."""
+"""rows, views of a row's pictures, 0; then CHANNEL per row, and STREAMs."""
 
 CHANNEL = struct.Struct("<BBBBff")
 """layer or tier, class, target, QP or CONSTANT, units per code, value of code 0."""
@@ -56,7 +56,7 @@ CONSTANT = 255
 """In place of a QP: the channel has no pictures, and is its offset."""
 
 STREAM = struct.Struct("<II")
-"""Length and CRC-32 of one picture; in PICT of a file in parts, length of a part and CRC-32 of its table."""
+"""Length and CRC-32 of one picture."""
 
 COLUMN = struct.Struct("<B")
 """How a column of numbers is stored: PER_VIEW or once for all, NARROW (float32) or float64; the numbers follow."""

@@ -19,9 +19,6 @@ from .sections import NewSection
 from .table import Row
 from .writer import Head, write_container
 
-MOST_TOGETHER = 6
-"""Views of which a file is read as a whole: as many as a network takes at once."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Planes(Body):
@@ -76,9 +73,8 @@ def pass_of(plane_class: PlaneClass, number: int) -> int:
 
 
 def planes_file(head: Head, layers: Sequence[CodedLayer]) -> bytes:
-    """The file of coded layers, in parts by view where there are many."""
-    sections, rows, by_view = _sections(layers, head.cameras), list(_rows(layers)), len(head.cameras) > MOST_TOGETHER
-    return write_container(head, sections, rows, len(layers), by_view=by_view)
+    """The file of coded layers."""
+    return write_container(head, _sections(layers, head.cameras), list(_rows(layers)), len(layers))
 
 
 def _sections(layers: Sequence[CodedLayer], cameras: Sequence[Camera]) -> list[NewSection]:

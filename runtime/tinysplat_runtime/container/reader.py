@@ -7,22 +7,20 @@ number against its range. Code past this point may index freely. Layout: docs/FO
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from operator import index
 
 import numpy as np
 
 from ..errors import FormatError, InputError
-from ..scene.cameras import MAX_POSITION, Camera
+from ..scene.cameras import MAX_POSITION
 from . import layout as L
 from .bodies import body_kind, known_kinds
 from .body import Container, Opened
-from .cameras import cameras_of, read_numbers
 from .limits import Limits
 from .notes import NOTES, read_notes
 from .sections import Cursor, Section, only, read_table, require
-from .table import Rows, read_pictures
+from .table import read_pictures
 
 _SHARED = frozenset({L.SCENE, NOTES, L.PICTURES, L.DATA})
 """Sections that a file of any mode may have."""
@@ -35,7 +33,6 @@ def read_container(
     is_prefix: bool = False,
     is_damaged: bool = False,
     views: Sequence[int] | None = None,
-    fetched: Mapping[int, bytes | memoryview] | None = None,
 ) -> Container:
     """Parse and check a file.
 
@@ -45,15 +42,13 @@ def read_container(
         is_prefix: accept `data` that ends before the file does, as long as it holds the metadata.
         is_damaged: take what is intact of a damaged or cut file, which is refused else.
         views: read these views alone, in this order; what is decoded is what it is in the whole file. None for all.
-        fetched: the parts of DATA by view, for `data` that holds the metadata alone.
 
     Raises:
         FormatError: damaged, cut short, foreign, of an unknown version, or beyond the limits.
         InputError: `views` are not different views of the file.
     """
     view = memoryview(data).cast("B") if not isinstance(data, bytes) else memoryview(data)
-    is_cut = is_prefix or is_damaged or fetched is not None
-    version, total, sections = read_table(view, _SHARED | known_kinds(), is_prefix=is_cut)
+    version, total, sections = read_table(view, _SHARED | known_kinds(), is_prefix=is_prefix or is_damaged)
     scene = only(sections, L.SCENE)
     cursor = Cursor(scene)
     view_count, layer_count, qp, *origin, profile = cursor.unpack(L.SCENE_FIXED)
@@ -68,46 +63,12 @@ def read_container(
         most = layer_count if section.kind in L.BY_LAYER else L.MAX_SETS if section.kind == L.PARAMETER_SETS else 1
         require(section.index < most, section, f"index {section.index}, accepted are {most} from 0")
     wanted = check_views(views, view_count) if views is not None and kind.is_divisible else None
-    pict, pictures = only(sections, L.PICTURES), only(sections, L.DATA)
-    table = read_pictures(
-        pict, pictures, wanted, is_prefix=is_prefix or is_damaged, is_damaged=is_damaged, fetched=fetched
-    )
-    require(kind.is_divisible or not table.parts, pict, f"parts by view in a file of mode {kind.mode}")
+    table = read_pictures(only(sections, L.PICTURES), only(sections, L.DATA), wanted, is_damaged=is_damaged)
     opened = Opened(scene, sections, view_count, layer_count, table, np.array(origin), limits or Limits())
     body = kind.read(opened)
-    absent = set(range(table.count) if wanted is None else wanted).difference(table.views)
     notes, name = read_notes(sections), _ascii(profile, scene)
     sets, chosen = opened.parameter_sets, None if kind.is_divisible else views
-    return Container(version, name, qp, opened.origin, body, table, sets, notes, total, tuple(sorted(absent)), chosen)
-
-
-@dataclass(frozen=True)
-class Outline:
-    """What a file in parts by view says of all views, before any is read.
-
-    Attributes:
-        cameras: one per view, of layer 0's size.
-        depth_limits: least and largest z of layer 0.
-        ranges: (first byte, length) of each view's part; none of a file that is in one.
-    """
-
-    cameras: tuple[Camera, ...]
-    depth_limits: tuple[float, float]
-    ranges: tuple[tuple[int, int], ...]
-
-
-def read_outline(metadata: bytes | memoryview) -> Outline | None:
-    """Parse and check the metadata of a file in parts by view, None of another; FormatError as `read_container`."""
-    _, end, sections = read_table(memoryview(metadata), _SHARED | known_kinds(), is_prefix=True)
-    rows, data = Rows.read(only(sections, L.PICTURES)), only(sections, L.DATA)
-    if not rows.by_view:
-        return None
-    count, scene = Cursor(only(sections, L.SCENE)).unpack(L.SCENE_FIXED)[0], only(sections, L.SCENE)
-    require(count == rows.views, scene, f"{count} views, the table of pictures has {rows.views}")
-    section = only(sections, L.CAMERAS)
-    cameras = cameras_of(section, read_numbers(section, count), range(count))
-    *_, z_min, z_max, _, _ = Cursor(only(sections, L.LAYER)).unpack(L.LAYER_FIXED)
-    return Outline(cameras, (z_min, z_max), rows.ranges(end - data.length))
+    return Container(version, name, qp, opened.origin, body, table, sets, notes, total, chosen)
 
 
 def check_views(views: Sequence[int], count: int) -> tuple[int, ...]:

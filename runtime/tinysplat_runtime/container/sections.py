@@ -98,13 +98,6 @@ def table_end(view: memoryview) -> int:
     return L.HEADER.size + count * L.TABLE_ROW.size
 
 
-def metadata_range(view: memoryview) -> tuple[int, int]:
-    """Where metadata and file end, of bytes that hold header and table; FormatError where these are damaged."""
-    rows = list(_rows(view))
-    end = rows[-1][-1] if rows else table_end(view)
-    return (end - rows[-1][3] if rows and rows[-1][0] == L.DATA else end), end
-
-
 def _rows(view: memoryview) -> Iterator[tuple[bytes, int, int, int, int, int]]:
     """Type, flags, index, length, CRC and end of every section."""
     end = table_end(view)

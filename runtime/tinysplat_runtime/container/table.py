@@ -1,15 +1,13 @@
 """The table of pictures: which there are, in the order of their bytes. Layout: docs/FORMAT.md, PICT.
 
-A row is a channel of a layer or a tier, with a picture for every view. Lengths and CRCs of all stand in the table, or,
-in a file in parts by view, in front of each view's pictures: who wants one view reads its bytes alone.
+A row is a channel of a layer or a tier, with a picture for every view.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
 from zlib import crc32
 
 from ..errors import FormatError
@@ -31,13 +29,11 @@ class Table:
         rows: (layer or tier, channel), in the order of their bytes.
         views: the numbers in the file of the views whose pictures these are; (0,) of a list.
         count: views of the file.
-        parts: where each view's bytes lie in the file, (first, length), if they are in parts by view.
     """
 
     rows: tuple[Row, ...]
     views: tuple[int, ...]
     count: int
-    parts: tuple[tuple[int, int], ...] = ()
 
     @cached_property
     def layers(self) -> Mapping[int, tuple[ChannelRecord, ...]]:
@@ -61,9 +57,6 @@ class Table:
         Rows of one step stand together: between them a prefix decodes as well, but can show less than without them.
         `step` is given the layer, the channel, and which one of its class it is.
         """
-        if self.parts:
-            ends = (start + length for start, length in self.parts)
-            return [{"bytes": end, "views": view + 1} for view, end in enumerate(ends)]
         prefixes: list[JsonObject] = []
         counts: dict[tuple[int, PlaneClass], int] = {}
         before: Hashable = None
@@ -82,110 +75,35 @@ class Table:
         return prefixes
 
 
-@dataclass(frozen=True)
-class Rows:
-    """PICT as it stands, before pictures are looked for.
-
-    Attributes:
-        rows: layer or tier, channel, and whether it has pictures.
-        views: of the file.
-        by_view: whether the bytes are in parts by view.
-        streams: (length, CRC) as the section ends with them.
-        label: of the section, for messages.
-    """
-
-    rows: tuple[tuple[int, ChannelRecord, bool], ...]
-    views: int
-    by_view: bool
-    streams: tuple[tuple[int, int], ...]
-    label: str
-
-    @classmethod
-    def read(cls, section: Section) -> Rows:
-        """Parse and check PICT; FormatError where it is damaged."""
-        cursor = Cursor(section)
-        count, views, by_view = cursor.unpack(L.PICTURES_FIXED)
-        cursor.require(1 <= views <= L.MAX_VIEWS, f"{views} views, accepted are 1 to {L.MAX_VIEWS}")
-        cursor.require(by_view <= 1, f"order {by_view} is unknown")
-        rows = tuple(_read_row(cursor) for _ in range(count))
-        coded = sum(is_coded for *_, is_coded in rows)
-        taken = cursor.take(L.STREAM.size * (views if by_view else views * coded))
-        cursor.finish()
-        return cls(rows, views, bool(by_view), tuple(L.STREAM.iter_unpack(taken)), section.label)
-
-    @property
-    def table_bytes(self) -> int:
-        """Bytes in front of a view's pictures, of a file in parts."""
-        return L.STREAM.size * sum(is_coded for *_, is_coded in self.rows) * self.by_view
-
-    def ranges(self, start: int) -> tuple[tuple[int, int], ...]:
-        """(first byte, length) of each view's part, where pictures begin at `start`; none of a file in one part."""
-        lengths = [length for length, _ in self.streams] if self.by_view else []
-        return tuple(zip(accumulate(lengths, initial=start), lengths, strict=False))
-
-
-def read_pictures(
-    pict: Section,
-    data: Section,
-    wanted: Sequence[int] | None,
-    *,
-    is_prefix: bool,
-    is_damaged: bool,
-    fetched: Mapping[int, bytes | memoryview] | None,
-) -> Table:
+def read_pictures(pict: Section, data: Section, wanted: Sequence[int] | None, *, is_damaged: bool) -> Table:
     """The pictures of the `wanted` views of a file, None for all.
 
     Args:
         pict, data: the sections PICT and DATA, of which the second may be cut off.
         wanted: views that there are.
-        is_prefix: leave out views whose own table is cut off.
-        is_damaged: leave out views whose own table is damaged, and pictures whose CRC differs.
-        fetched: parts by view, in place of `data`.
+        is_damaged: leave out pictures whose CRC differs.
 
     Raises:
-        FormatError: damaged, of other lengths than the table says, or without any view that can be read.
+        FormatError: damaged, or of other lengths than the table says.
     """
-    found = Rows.read(pict)
-    total = sum(length for length, _ in found.streams)
+    cursor = Cursor(pict)
+    count, views, order = cursor.unpack(L.PICTURES_FIXED)
+    cursor.require(1 <= views <= L.MAX_VIEWS, f"{views} views, accepted are 1 to {L.MAX_VIEWS}")
+    cursor.require(order == 0, f"order {order} is unknown")
+    rows = [_read_row(cursor) for _ in range(count)]
+    coded = sum(is_coded for *_, is_coded in rows)
+    streams = list(L.STREAM.iter_unpack(cursor.take(L.STREAM.size * views * coded)))
+    cursor.finish()
+    total = sum(length for length, _ in streams)
     if total != data.length:
         raise FormatError(f"{data.length} bytes, its pictures need {total}", where=data.label)
-    start, views = data.end - data.length, tuple(range(found.views)) if wanted is None else tuple(wanted)
-    if not found.by_view:
-        pictures = _placed(found.streams, data.data, start, is_damaged)
-        return Table(_rows(found, pictures, range(found.views), views), views, found.views)
-    ranges, held = found.ranges(start), {}
-    for view in views:
-        first, length = ranges[view]
-        part = data.data[first - start : first - start + length] if fetched is None else _fetched(fetched, view, length)
-        own = _part(found, view, part, first, is_prefix=is_prefix, is_damaged=is_damaged)
-        if own is not None:
-            held[view] = own
-    if not held:
-        end = min(ranges[view][0] for view in views) + found.table_bytes
-        raise FormatError(f"holds no intact view; the table of the first ends at byte {end}", where="file")
-    by_row = [picture for row in zip(*held.values(), strict=True) for picture in row]
-    return Table(_rows(found, by_row, tuple(held), tuple(held)), tuple(held), found.views, ranges)
-
-
-def _part(
-    found: Rows, view: int, part: memoryview, start: int, *, is_prefix: bool, is_damaged: bool
-) -> list[Picture] | None:
-    """The pictures of a view, of its part from byte `start` of the file on; None where its table is not at hand."""
-    length, crc = found.streams[view]
-    table, where = part[: found.table_bytes], f"view {view}"
-    if length < found.table_bytes:
-        raise FormatError(f"{length} bytes, its table has {found.table_bytes}", where=where)
-    is_here = len(table) == found.table_bytes
-    if not is_here or crc32(table) != crc:
-        if is_damaged or (is_prefix and not is_here):
-            return None
-        reason = "CRC of its table differs: the bytes were altered" if is_here else f"{len(part)} bytes: cut short"
-        raise FormatError(reason, where=where)
-    streams = tuple(L.STREAM.iter_unpack(table))
-    needed = found.table_bytes + sum(size for size, _ in streams)
-    if needed != length:
-        raise FormatError(f"{length} bytes, its table and pictures have {needed}", where=where)
-    return _placed(streams, part[found.table_bytes :], start + found.table_bytes, is_damaged)
+    chosen = tuple(range(views)) if wanted is None else tuple(wanted)
+    pictures, at, found = _placed(streams, data.data, data.end - data.length, is_damaged), 0, []
+    for layer, record, is_coded in rows:
+        own = tuple(pictures[at + view] for view in chosen) if is_coded else ()
+        at += views * is_coded
+        found.append((layer, replace(record, pictures=own)))
+    return Table(tuple(found), chosen, views)
 
 
 def _read_row(cursor: Cursor) -> tuple[int, ChannelRecord, bool]:
@@ -209,48 +127,13 @@ def _placed(streams: Sequence[tuple[int, int]], data: memoryview, start: int, is
     return pictures
 
 
-def _rows(found: Rows, pictures: Sequence[Picture], held: Sequence[int], views: Sequence[int]) -> tuple[Row, ...]:
-    """Rows with the pictures of `views`; `pictures` are those of the views `held`, row by row."""
-    place_of = {view: place for place, view in enumerate(held)}
-    rows, at, places = [], 0, [place_of[view] for view in views]
-    for layer, record, is_coded in found.rows:
-        own: tuple[Picture, ...] = ()
-        if is_coded:
-            own = tuple(pictures[at + place] for place in places)
-            at += len(held)
-        rows.append((layer, ChannelRecord(*record.key, record.qp, record.scale, record.offset, own)))
-    return tuple(rows)
-
-
-def _fetched(parts: Mapping[int, bytes | memoryview], view: int, length: int) -> memoryview:
-    data = memoryview(parts.get(view, b""))
-    if view in parts and len(data) != length:
-        raise FormatError(f"needs {length} bytes, {len(data)} are given", where=f"view {view}")
-    return data
-
-
-def picture_sections(rows: Sequence[Row], views: int, *, by_view: bool) -> list[NewSection]:
+def picture_sections(rows: Sequence[Row], views: int) -> list[NewSection]:
     """PICT and DATA of rows with a picture for each of so many views."""
-    fixed = L.PICTURES_FIXED.pack(len(rows), views, by_view)
+    text = L.PICTURES_FIXED.pack(len(rows), views, 0)
     for layer, channel in rows:
         qp = channel.qp if channel.pictures else L.CONSTANT
-        fixed += L.CHANNEL.pack(layer, channel.plane_class, channel.target, qp, channel.scale, channel.offset)
-    coded = [channel.pictures for _, channel in rows if channel.pictures]
-    parts: list[bytes | memoryview]
-    if by_view:
-        own = [list(each) for each in zip(*coded, strict=True)] or [[] for _ in range(views)]
-        tables = [_streams(pictures) for pictures in own]
-        parts = [b"".join((table, *_data(pictures))) for table, pictures in zip(tables, own, strict=True)]
-        ends = b"".join(L.STREAM.pack(len(part), crc32(table)) for part, table in zip(parts, tables, strict=True))
-    else:
-        every = [picture for pictures in coded for picture in pictures]
-        parts, ends = _data(every), _streams(every)
-    return [NewSection(L.PICTURES, 0, fixed + ends), NewSection(L.DATA, 0, b"".join(parts))]
-
-
-def _data(pictures: Sequence[Picture]) -> list[bytes | memoryview]:
-    return [picture.data or b"" for picture in pictures]
-
-
-def _streams(pictures: Sequence[Picture]) -> bytes:
-    return b"".join(L.STREAM.pack(picture.length, picture.crc) for picture in pictures)
+        text += L.CHANNEL.pack(layer, channel.plane_class, channel.target, qp, channel.scale, channel.offset)
+    pictures = [picture for _, channel in rows for picture in channel.pictures]
+    text += b"".join(L.STREAM.pack(picture.length, picture.crc) for picture in pictures)
+    data = b"".join(picture.data or b"" for picture in pictures)
+    return [NewSection(L.PICTURES, 0, text), NewSection(L.DATA, 0, data)]

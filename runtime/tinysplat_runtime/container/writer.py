@@ -36,13 +36,7 @@ class Head:
 
 
 def write_container(
-    head: Head,
-    metadata: Sequence[NewSection],
-    rows: Sequence[Row],
-    layers: int = 0,
-    *,
-    views: int | None = None,
-    by_view: bool = False,
+    head: Head, metadata: Sequence[NewSection], rows: Sequence[Row], layers: int = 0, *, views: int | None = None
 ) -> bytes:
     """The file: metadata first, then pictures.
 
@@ -52,7 +46,6 @@ def write_container(
         rows: channels in the order in which their pictures are to stand.
         layers: layers or tiers.
         views: pictures of a row, where they are not as many as cameras.
-        by_view: put all pictures of a view together, in place of all of a row.
     """
     cameras = head.cameras
     scene = L.SCENE_FIXED.pack(len(cameras), layers, head.qp, *head.origin, head.profile.encode("ascii"))
@@ -61,7 +54,7 @@ def write_container(
         *camera_sections(cameras),
         *note_sections(head.notes),
         *metadata,
-        *picture_sections(rows, views or len(cameras), by_view=by_view),
+        *picture_sections(rows, views or len(cameras)),
     ]
     table = b"".join(
         L.TABLE_ROW.pack(s.kind, L.REQUIRED * s.is_required, s.index, len(s.data), crc32(s.data)) for s in sections

@@ -2,7 +2,7 @@
 
 scene/cameras.json                                  of scene/point_cloud/iteration_30000/point_cloud.ply, as 3DGS
                                                     writes both
-room.cameras.json                                   of room.ply, room.splat and so on, as `decode --fuse` writes it
+room.cameras.json                                   of room.ply, room.splat and so on, as `encode -o` writes it
 cameras.json, transforms.json, sparse/0             of what lies beside them, as of OpenSplat, nerfstudio and COLMAP;
                                                     dataparser_transforms.json says how nerfstudio moved what it trained
 """

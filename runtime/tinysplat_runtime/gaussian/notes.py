@@ -30,7 +30,7 @@ class Notes:
         unit: of lengths, such as metre.
         attribution: whom to name, and what was changed.
         licence: an SPDX expression such as CC-BY-4.0, or an address.
-        refined: how the Gaussians were corrected after a network made them; `refine` says it, not the maker.
+        refined: how the Gaussians were corrected after a network made them; what corrects them says it, not the maker.
         antialiased: `yes` of Gaussians that were trained to fade where they are widened (Mip-Splatting); carried from
             file to file, and not acted on here.
         pruned: how many Gaussians were left out because pictures hardly need them, and the dB of pictures without.

@@ -86,19 +86,15 @@ class Shown:
     story: JsonObject | None = None
 
 
-def scene_page(data: bytes, shown: Shown, source: str | None = None) -> str:
-    """The page of one file, which loads nothing from anywhere but `source`.
+def scene_page(data: bytes, shown: Shown) -> str:
+    """The page of one file, which loads nothing from anywhere.
 
     Args:
         data: a .tsplat file of a mode that needs no network, as it is.
         shown: beside it.
-        source: where the server that the page comes from has the file, in ranges if it gives them; None writes the file
-            into the page.
     """
-    scene = _scene(shown, {i: _picture(photo) for i, photo in shown.photos.items()}, source)
+    scene = _scene(shown, {i: _picture(photo) for i, photo in shown.photos.items()}, None)
     poster = None if shown.poster is None else _picture(shown.poster)
-    if source is not None:
-        return _page(shown.title, scene, "", sources="'self' blob:", poster=poster)
     return _page(shown.title, scene, _base85(data), sources="blob:", poster=poster)
 
 

@@ -34,7 +34,7 @@ export function fadeAt({ width, height }, isFront, x, y) {
 }
 
 // scene: { count, means (3n, page units), scales (3n), quats (4n, wxyz), opacities (n), sh (3·functions·n), functions,
-// parts: [{ view, isFront, from, to, coarse }], views }; parts cover all Gaussians, and view is -1 where they are of none.
+// parts: [{ view, isFront, from, to }], views }; parts cover all Gaussians, and view is -1 where they are of none.
 export function makeCloud(scene) {
   const { count, means, opacities, parts, views } = scene;
   const words = new Uint32Array(8 * count), floats = new Float32Array(words.buffer);

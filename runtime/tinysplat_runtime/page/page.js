@@ -1,11 +1,8 @@
 // Puts the page together: its scene, its panel and its words.
-import { Capture } from "./capture.js";
 import { makeCloud } from "./cloud.js";
-import { bytesByUse, captureIn, described, fetched, heldIn, inKilobytes, paced, reached } from "./files.js";
+import { bytesByUse, described, fetched, inKilobytes, paced } from "./files.js";
 import { frontView } from "./front.js";
-import { FEW } from "./near.js";
-import { sceneOf, viewOf } from "./scene.js";
-import { mostDrawn } from "./splats.js";
+import { sceneOf } from "./scene.js";
 import { Tools } from "./tools.js";
 import { viewFrom, viewText } from "./view.js";
 import { Viewer } from "./viewer.js";
@@ -39,11 +36,10 @@ class Panel {
 
   // A scene, and what tsplat.js says of its file. isSame: of the same file, of which more is there.
   show(scene, cloud, about, isSame) {
-    const { views, hasCameras } = scene, { attribution, licence } = about.notes, { whole, coarse } = mostDrawn(cloud);
-    const count = scene.count ?? about.count, drawn = whole + coarse < count ? `, of which ${(whole + coarse).toLocaleString("en")} are drawn at once` : "";
+    const { views, hasCameras } = scene, { attribution, licence } = about.notes;
     this.scene = scene;
     find("summary").textContent = [
-      `${count.toLocaleString("en")} Gaussians${drawn}, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
+      `${scene.count.toLocaleString("en")} Gaussians, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
       bytesByUse(about).map(([use, bytes]) => `${use} ${inKilobytes(bytes)}`).join(", "),
       [attribution, licence].filter(Boolean).join(", "),
     ].filter(Boolean).join("; ");
@@ -154,8 +150,7 @@ const isGrey = ({ sh, degree, count }) => {
 const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => sum + bytes.length, 0) || 1;
 
 // What a part of a file shows.
-function shareOf({ cameras, count }, about) {
-  if (cameras.length < about.cameras.length) return `what ${cameras.length} of ${about.cameras.length} photos saw`;
+function shareOf({ count }, about) {
   return count < about.count ? `${count.toLocaleString("en")} of ${about.count.toLocaleString("en")} Gaussians` : "all of it in less detail";
 }
 
@@ -171,7 +166,7 @@ class Page {
     this.linked = isBare ? null : options.get("view");
     this.viewer = new Viewer(find("view"), {
       drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
-      near: (wanted) => this.capture?.look(wanted), rested: () => this.#rested(),
+      rested: () => this.#rested(),
     }, { isBare, isEmbedded, isStill, background: given.background });
     for (const name of ["popstate", "hashchange"]) addEventListener(name, () => this.#follow());
     this.viewer.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.viewer.lose(); });
@@ -228,7 +223,6 @@ class Page {
   #first(views) { return views[this.first] ? this.first : frontView(views); }
 
   #drawn() {
-    if (this.viewer.wanted && this.linked && find("cover").className !== "done") return; // on the way to what the address names
     if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
     find("cover").classList.add("done");
     this.tools.draw();
@@ -252,12 +246,10 @@ class Page {
     find("fault").hidden = false;
   }
 
-  // For a file that takes the place of what is shown; opening: what ends reading it, if that has begun.
-  #begin(name, opening) {
-    if (!opening) this.opening?.abort();
-    this.capture?.stop();
-    this.capture = null;
-    this.opening = opening ?? new AbortController();
+  // For a file that takes the place of what is shown.
+  #begin(name) {
+    this.opening?.abort();
+    this.opening = new AbortController();
     this.tools.reset();
     find("open").hidden = find("fault").hidden = true;
     find("cover").classList.remove("done");
@@ -267,34 +259,9 @@ class Page {
     return this.opening.signal;
   }
 
-  // Shows of a capture, whose bytes a source reads, what is near the camera.
-  openCapture(name, about, source, opening) {
-    const signal = this.#begin(name, opening), first = this.#first(about.cameras.map(viewOf));
-    let shown = this.isAgain;
-    this.isAgain = false;
-    this.capture = new Capture(about.cameras, {
-      decodeView: (v) => this.decoder.decodeViews(source.read, [v], { signal, threads: THREADS, limits: MOST }),
-      show: (scene, cloud) => {
-        this.viewer.show(scene, cloud, shown, first);
-        this.panel.show(scene, cloud, about, shown);
-        this.tools.unit = about.notes.unit;
-        this.panel.tell(scene.views.length, source.received ?? about.bytes, about.bytes);
-        if (!shown) this.#begun();
-        shown = true;
-      },
-      isComplete: (isWhole) => { if (isWhole) document.body.dataset.whole = ""; else delete document.body.dataset.whole; },
-      failed: (error) => {
-        if (signal.aborted) return;
-        if (shown) this.#say(`A part of this scene could not be read: ${error.message ?? error}`);
-        else this.fail(error);
-      },
-    });
-    this.capture.look({ whole: [first], coarse: [], ahead: [] });
-  }
-
   // Shows a file of which there are chunks, better and better.
-  async open(name, chunks, whole, opening) {
-    const signal = this.#begin(name, opening), parts = [];
+  async open(name, chunks, whole) {
+    const signal = this.#begin(name), parts = [];
     let frame = null, about = null, received = 0, isSame = this.isAgain;
     this.isAgain = false;
     const kept = async function* () {
@@ -349,7 +316,6 @@ class Page {
   async openOwn(bytes) {
     this.reopen = () => this.openOwn(bytes);
     const about = (this.given.file = this.decoder.inspect(bytes)), { steps } = about;
-    if (await captureIn({ read: async () => bytes }, () => about, FEW)) return this.openCapture("", about, heldIn(bytes));
     return this.open("", () => paced(bytes, this.isBare || find("poster") ? [] : steps, () => this.#whenDrawn()), bytes.length);
   }
 
@@ -357,13 +323,7 @@ class Page {
     this.reopen = () => this.openChosen(file);
     this.panel.photos = [];
     this.first = undefined;
-    return this.#openBlob(file.name.replace(/\.tsplat$/, ""), file, file.size);
-  }
-
-  async #openBlob(name, blob, whole, opening) {
-    const about = await captureIn(heldIn(blob), this.decoder.inspect, FEW);
-    if (about?.bytes === blob.size) return this.openCapture(name, about, heldIn(blob), opening);
-    return this.open(name, () => blob.stream(), whole, opening);
+    return this.open(file.name.replace(/\.tsplat$/, ""), () => file.stream(), file.size);
   }
 
   // name: what the file is called, if not as its address ends.
@@ -373,16 +333,7 @@ class Page {
     const told = (received, whole) => {
       find("status").textContent = whole ? `Loading … ${Math.floor((100 * received) / whole)} %` : `Loading … ${inKilobytes(received)}`;
     };
-    this.opening?.abort();
-    const opening = (this.opening = new AbortController()), { signal } = opening, source = await reached(address, signal);
-    if ("read" in source) {
-      const about = await captureIn(source, this.decoder.inspect, FEW);
-      if (about && !(source.size < about.bytes)) return this.openCapture(name, about, source, opening);
-      return this.open(name, (opened) => (source.whole ? [source.whole] : fetched(address, opened, told)), 0, opening);
-    }
-    const parts = [];
-    for await (const part of fetched(source.body, signal, told)) parts.push(part);
-    return this.#openBlob(name, new Blob(parts), 0, opening);
+    return this.open(name, (signal) => fetched(address, signal, told), 0);
   }
 
   listen() { // for files that are dropped or chosen

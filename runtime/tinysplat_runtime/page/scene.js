@@ -1,7 +1,6 @@
 // What tsplat.js decodes, in the page's units: its origin is the mean camera centre and its unit makes the median depth
 // REACH, so that float32 does not depend on where a scene lies and how large it is.
 import { sideOf } from "./front.js";
-import { EVERY } from "./near.js";
 import { add, cross, dot, length, scaled, unit } from "./vectors.js";
 
 const REACH = 4;
@@ -17,23 +16,22 @@ export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
 }
 
 // Runs of Gaussians: of a view's pixels, or of none.
-function partsOf(layers, numbers) {
+function partsOf(layers) {
   return layers.flatMap(({ views, count, offset }, layer) => {
     if (!views) return [{ view: -1, isFront: false, from: offset, to: offset + count }];
     const own = count / views;
-    return Array.from({ length: views }, (_, at) => ({ view: numbers?.[at] ?? at, isFront: layer === 0, from: offset + at * own, to: offset + (at + 1) * own }));
+    return Array.from({ length: views }, (_, view) => ({ view, isFront: layer === 0, from: offset + view * own, to: offset + (view + 1) * own }));
   });
 }
 
 // decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
-// numbers: which of `cameras` were decoded, if not all.
-export function sceneOf(decoded, cameras = [], frame = null, numbers = undefined) {
-  const given = decoded.cameras.length && !numbers ? decoded.cameras : cameras, taken = given.length ? given : decoded.viewpoints ?? [];
+export function sceneOf(decoded, cameras = [], frame = null) {
+  const given = decoded.cameras.length ? decoded.cameras : cameras, taken = given.length ? given : decoded.viewpoints ?? [];
   const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)]; // of a list, where its photos were taken, or the side that shows most
-  const { scale, centre } = frame ?? frameOf(decoded, world, world[numbers?.[0] ?? 0]);
+  const { scale, centre } = frame ?? frameOf(decoded, world, world[0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   return {
-    ...shown(decoded, scale, add([...decoded.origin], centre, -1), given, numbers), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
+    ...shown(decoded, scale, add([...decoded.origin], centre, -1)), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
     nearPlane: NEAR_PLANE * scale, up: upOf(views),
   };
 }
@@ -57,11 +55,8 @@ function frameOf({ means, opacities, count, origin }, views, { position, rotatio
   return { centre, scale: median ? REACH / median : 1 };
 }
 
-// Whether a pixel is one of its surface's coarse copy.
-const isCoarse = (pixel, width) => pixel % width % EVERY === EVERY >> 1 && Math.floor(pixel / width) % EVERY === EVERY >> 1;
-
 // The Gaussians that can show, moved and scaled.
-function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset, cameras, numbers) {
+function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset) {
   const functions = (degree + 1) ** 2, width = 3 * functions, parts = [];
   const isShown = (i) => opacities[i] >= LEAST_OPACITY && Number.isFinite(means[3 * i] + means[3 * i + 1] + means[3 * i + 2]);
   let count = 0;
@@ -71,11 +66,10 @@ function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, o
     sh: new Float32Array(width * count),
   };
   let at = 0;
-  for (const { view, isFront, from, to } of partsOf(layers, numbers)) {
-    const start = at, coarse = [];
+  for (const { view, isFront, from, to } of partsOf(layers)) {
+    const start = at;
     for (let i = from; i < to; i++) {
       if (!isShown(i)) continue;
-      if (isFront && isCoarse(i - from, cameras[view].width)) coarse.push(at);
       for (let k = 0; k < 3; k++) {
         out.means[3 * at + k] = scale * (means[3 * i + k] + offset[k]);
         out.scales[3 * at + k] = scale * scales[3 * i + k];
@@ -84,7 +78,7 @@ function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, o
       for (let k = 0; k < width; k++) out.sh[width * at + k] = sh[width * i + k];
       out.opacities[at++] = opacities[i];
     }
-    if (at > start) parts.push({ view, isFront, from: start, to: at, coarse });
+    if (at > start) parts.push({ view, isFront, from: start, to: at });
   }
   return { ...out, count, functions, parts };
 }

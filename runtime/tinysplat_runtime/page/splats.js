@@ -4,11 +4,10 @@
 // Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
 // Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
 import { ARITHMETIC } from "./arithmetic.js";
-import { AROUND, DRAWN, EVERY, FEW, OPEN, sorting } from "./near.js";
+import { sorting } from "./near.js";
 
 const TEXTURE_WIDTH = 4096;
 const COPY = 0x80000000; // marks a Gaussian that is drawn first, with its view's part of its alphas
-const BEHIND = 0x40000000; // marks one of a coarse surface, which is drawn last
 const DARK = 1 / 1024; // transmittance of a pixel that is closed
 const BLUR_SIDE = 16; // texels of the picture that lies behind
 const SOFT = 0.07; // of a photo's shorter side, over which a picture fades beyond it
@@ -18,7 +17,7 @@ const PROJECT = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
 uniform usampler2D order;             // indices of Gaussians, nearest first
 uniform usampler2D geometry, colours; // two texels a Gaussian; one texel an SH function
-uniform sampler2D shares;             // by view: of opacity, that its surface is drawn first with, that all is drawn with, and its coarse surface
+uniform sampler2D shares;             // by view: of its surface's alphas, that come first
 uniform uint count;
 uniform mat3 projection;              // K R without the principal point
 uniform vec3 eye;                     // camera centre
@@ -70,8 +69,8 @@ void main() {
   uint place = uint(gl_FragCoord.y) * ${TEXTURE_WIDTH}u + uint(gl_FragCoord.x);
   if (place >= count) return;
   index = texel(order, place).x;
-  bool isCopy = (index & ${COPY}u) != 0u, isBehind = (index & ${BEHIND}u) != 0u;
-  index &= ${BEHIND - 1}u;
+  bool isCopy = (index & ${COPY}u) != 0u;
+  index &= ${COPY - 1}u;
   uvec4 first = texel(geometry, 2u * index), second = texel(geometry, 2u * index + 1u);
   float opacity = float(first.w & 0xffu) / 255.0;
   vec3 ray = uintBitsToFloat(first.xyz) - eye;
@@ -81,21 +80,18 @@ void main() {
   vec2 clamped = clamp(centred, -MARGIN * size - principal, (1.0 + MARGIN) * size - principal);
   mat3 rows = transpose(projection);
   vec4 q = vec4(unpackSnorm2x16(second.x), unpackSnorm2x16(second.y));
-  float larger = isBehind ? ${EVERY}.0 : 1.0;
-  vec3 s = larger * vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu));
+  vec3 s = vec3(length16(second.z & 0xffffu), length16(second.z >> 16), length16(second.w & 0xffffu));
   vec3 m1 = across(jacobian(rows[0], rows[2], clamped.x, point.z), q, s);
   vec3 m2 = across(jacobian(rows[1], rows[2], clamped.y, point.z), q, s);
   vec3 area = cross3(m1, m2);
   float a = dot3(m1, m1), b = dot3(m1, m2), c = dot3(m2, m2), det = dot3(area, area);
-  vec2 wider = widening(a, b, c, det, focal * larger * length16(second.w >> 16) / point.z);
+  vec2 wider = widening(a, b, c, det, focal * length16(second.w >> 16) / point.z);
   det += wider.x * (a + c + wider.x);
   a += wider.x;
   c += wider.x;
   opacity *= wider.y;
   uint view = (first.w >> 8) & 0xffffu;
-  vec3 share = texelFetch(shares, ivec2(view, 0), 0).xyz;
-  if (view > 0u) opacity *= isBehind ? share.z : share.y;
-  float part = isCopy ? share.x / share.y : 1.0; // of its alphas, that the picture in front has
+  float part = isCopy ? texelFetch(shares, ivec2(view, 0), 0).x : 1.0; // of its alphas, that the picture in front has
   if (fades) opacity *= float(first.w >> 24) / 255.0;
   float reach = log(opacity / LEAST_ALPHA); // the exponent at which the footprint ends
   vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));
@@ -200,8 +196,8 @@ function work(sorting) { // in a worker: orders Gaussians
   onmessage = ({ data }) => {
     if (data.means) order = sorting(data.means, data.parts);
     else {
-      const found = order(data.plane, data.nearPlane, data.shares);
-      postMessage({ ...found, id: data.id }, { transfer: [found.sorted.buffer] });
+      const sorted = order(data.plane, data.nearPlane, data.shares);
+      postMessage({ sorted, id: data.id }, { transfer: [sorted.buffer] });
     }
   };
 }
@@ -263,17 +259,6 @@ function fill(gl, data, words, format) {
   if (rest.length) put(rows, rest.length / words, 1, rest);
 }
 
-// How many Gaussians are drawn at once at most: all, or of a capture those of the nearest views, and coarse surfaces.
-export function mostDrawn({ count, parts, viewCount }) {
-  if (viewCount <= FEW) return { whole: count, coarse: 0 };
-  const [sizes, coarse] = [0, 1].map(() => new Float64Array(viewCount)), largest = (of, n) => of.sort().subarray(-n).reduce((sum, one) => sum + one, 0);
-  for (const { view, from, to, coarse: own } of parts) {
-    sizes[view] += to - from;
-    coarse[view] += own.length;
-  }
-  return { whole: largest(sizes, DRAWN), coarse: largest(coarse, AROUND) };
-}
-
 // Where a window shows the camera's own picture: left, bottom, right and top, in shares of the window.
 function pictureIn({ width, height, zoom }, window) {
   const scale = Math.min(window.width / width, window.height / height) * zoom, half = [width / window.width, height / window.height].map((side) => (scale * side) / 2);
@@ -314,7 +299,6 @@ export class Splats {
     this.closed = { depth: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
     this.sortedCount = -1; // none yet
     this.asked = this.answered = this.oldest = 0;
-    this.ordered = [];
   }
 
   // Takes a cloud (cloud.js) in place of the one before.
@@ -322,8 +306,7 @@ export class Splats {
     const { gl } = this, { count, functions } = cloud;
     this.#release();
     this.cloud = cloud;
-    const { whole, coarse } = mostDrawn(cloud);
-    this.most = 2 * whole + coarse; // places of an order: surfaces stand in it twice
+    this.most = 2 * count; // places of an order: surfaces stand in it twice
     this.textures = {
       order: dataTexture(gl, this.most, 1),
       geometry: dataTexture(gl, 2 * count, 4, cloud.geometry),
@@ -331,7 +314,7 @@ export class Splats {
     };
     cloud.geometry = cloud.colours = null; // the textures have them
     this.records = { shapes: dataTexture(gl, this.most, 4), paints: dataTexture(gl, this.most, 4) };
-    this.shares = plainTexture(gl, gl.RGBA32F, cloud.viewCount + 1, 1);
+    this.shares = plainTexture(gl, gl.R32F, cloud.viewCount + 1, 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
     Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
@@ -364,11 +347,9 @@ export class Splats {
     this.worker = sorter();
     this.worker.postMessage({ means: cloud.means, parts: cloud.parts });
     this.worker.onmessage = ({ data }) => {
-      const sorted = data.sorted.subarray(0, this.most);
+      const { sorted } = data;
       this.answered = data.id;
-      this.ordered = this.asking;
       this.sortedCount = sorted.length;
-      this.wholeCount = Math.min(data.whole, sorted.length);
       gl.activeTexture(gl.TEXTURE0);
       gl.bindTexture(gl.TEXTURE_2D, this.textures.order);
       fill(gl, sorted, 1, gl.RED_INTEGER);
@@ -382,12 +363,8 @@ export class Splats {
   // Whether there is an order that will do: one from about where the camera is.
   get hasOrder() { return this.sortedCount >= 0 && this.answered >= this.oldest; }
 
-  // The largest share of a view that the order at hand is without.
-  lacks(all) { return all.reduce((most, share, v) => (this.ordered[v] > 0 ? most : Math.max(most, share)), 0); }
-
   // Asks for the order seen from a camera (see camera.js), by views' shares (near.js). isElsewhere: no order from before will do.
   sort(camera, nearPlane, shares, isElsewhere) {
-    this.asking = shares.all;
     if (isElsewhere) this.oldest = this.asked + 1;
     const [x, y, z] = camera.rotation[2], [px, py, pz] = camera.position;
     this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, shares, id: ++this.asked });
@@ -406,13 +383,11 @@ export class Splats {
     gl.clearColor(0, 0, 0, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
-    const places = [0, ...CLOSINGS, 1].map((part) => Math.round(part * this.wholeCount));
+    const places = [0, ...CLOSINGS, 1].map((part) => Math.round(part * this.sortedCount));
     for (let i = 0; i + 1 < places.length; i++) {
-      if (i) this.#close(DARK);
+      if (i) this.#close();
       this.#paint(places[i], places[i + 1], width, height);
     }
-    this.#close(OPEN);
-    this.#paint(this.wholeCount, this.sortedCount, width, height);
     gl.disable(gl.DEPTH_TEST);
     const ground = options.ground ?? [0, 0, 0], frame = options.isFramed ? pictureIn(camera, canvas) : [0, 0, 1, 1];
     if (options.isFramed && options.follow) this.#follow(frame, ground, options.follow);
@@ -468,15 +443,15 @@ export class Splats {
     gl.disable(gl.BLEND);
   }
 
-  // Closes the pixels that no more than `most` shines through any more, at the depth of all triangles.
-  #close(most) {
+  // Closes the dark pixels, at the depth of all triangles.
+  #close() {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.closed.frame);
     gl.depthMask(true);
     gl.depthFunc(gl.ALWAYS);
     gl.useProgram(this.close.made);
     bindTextures(gl, this.close.uniforms, { picture: this.target.texture });
-    gl.uniform1f(this.close.uniforms.most, most);
+    gl.uniform1f(this.close.uniforms.most, DARK);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
@@ -504,12 +479,11 @@ export class Splats {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  #fillShares({ front, all, behind }) {
-    const { gl } = this, together = new Float32Array(4 * (front.length + 1));
-    front.forEach((share, v) => together.set([share, all[v], behind[v]], 4 * v + 4));
+  #fillShares(front) {
+    const { gl } = this;
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.shares);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RGBA, gl.FLOAT, together);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RED, gl.FLOAT, Float32Array.of(0, ...front));
   }
 
   #resize(width, height) {

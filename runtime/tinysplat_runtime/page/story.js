@@ -104,21 +104,18 @@ export class Story {
 
   // Notes behind things turn away.
   #hide() {
-    const { viewer } = this.page, { camera, canvas, cloud, scene } = viewer, { all } = viewer.shares();
+    const { viewer } = this.page, { camera, canvas, cloud, scene } = viewer;
     const { clientWidth: width, clientHeight: height } = canvas, { projection: P, principal } = camera.fitted(width, height);
     const columns = Math.ceil(width / CELL_PX) + 2, nearest = new Float32Array(columns * (Math.ceil(height / CELL_PX) + 2)).fill(Infinity);
     const cellOf = (x, y) => (Math.floor(y / CELL_PX) + 1) * columns + Math.floor(x / CELL_PX) + 1; // with a margin of one
-    for (const { view, from, to } of cloud.parts) {
-      if (view >= 0 && !(all[view] > 0)) continue;
-      for (let i = from; i < to; i++) {
-        if (cloud.opacities[i] < SOLID_NOTE) continue;
-        const ray = add(cloud.means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = P[6] * ray[0] + P[7] * ray[1] + P[8] * ray[2];
-        if (z <= scene.nearPlane) continue;
-        const x = (P[0] * ray[0] + P[1] * ray[1] + P[2] * ray[2]) / z + principal[0], y = (P[3] * ray[0] + P[4] * ray[1] + P[5] * ray[2]) / z + principal[1];
-        if (!(x >= 0 && y >= 0 && x < width && y < height)) continue;
-        const cell = cellOf(x, y);
-        if (z < nearest[cell]) nearest[cell] = z;
-      }
+    for (let i = 0; i < cloud.opacities.length; i++) {
+      if (cloud.opacities[i] < SOLID_NOTE) continue;
+      const ray = add(cloud.means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = P[6] * ray[0] + P[7] * ray[1] + P[8] * ray[2];
+      if (z <= scene.nearPlane) continue;
+      const x = (P[0] * ray[0] + P[1] * ray[1] + P[2] * ray[2]) / z + principal[0], y = (P[3] * ray[0] + P[4] * ray[1] + P[5] * ray[2]) / z + principal[1];
+      if (!(x >= 0 && y >= 0 && x < width && y < height)) continue;
+      const cell = cellOf(x, y);
+      if (z < nearest[cell]) nearest[cell] = z;
     }
     this.spots.forEach(({ x, y, z, isInside }, i) => {
       const cell = isInside ? cellOf(x, y) : 0, about = [-columns, 0, columns].flatMap((row) => [-1, 0, 1].map((by) => nearest[cell + row + by])); // as surfaces have gaps

@@ -3,7 +3,7 @@ import { Bound, lightAt, onward, poseBetween, walk } from "./bound.js";
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
 import { BoundMover, FreeMover } from "./movers.js";
-import { AROUND, DRAWN, counted, distances, shares } from "./near.js";
+import { distances, shares } from "./near.js";
 import { Splats } from "./splats.js";
 import { add, dot, length, scaled } from "./vectors.js";
 
@@ -14,15 +14,14 @@ const FLIGHT_SECONDS = 0.7; // to a view that was asked for
 const STALLED_MS = 200; // a coarsest frame that takes longer ends what moves by itself
 const CARRY = 1.05; // strain from which a pull goes on to the next view
 const PICK_PX = 8;
-const LACKING = 0.3; // share of a view's opacity, from which a picture without it is not drawn
 const WAIT_MS = 400; // that a picture may be old before a sign says so
 const MOST_RATIO = 3; // pixels of a canvas to one of the page's
 const FOLLOW = 0.12; // of margins, that a frame on the way to another place brings nearer to its own colours
 
 export class Viewer {
   canvas; told; isBare; isStill; background; share; last; time; isFree; scene; cloud; splats;
-  // canvas; told: { drawn, moved, touched, near, rested }, called after a frame, after movements, before the first of
-  // them, with the views that are wanted when the camera is or goes elsewhere (capture.js), and when all has come to rest.
+  // canvas; told: { drawn, moved, touched, rested }, called after a frame, after movements, before the first of them, and
+  // when all has come to rest.
   // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
   constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
     Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false, showsDepth: false, leastOpacity: 0 });
@@ -45,7 +44,6 @@ export class Viewer {
     this.#survey();
     if (!isSame || (first !== this.start && !this.touched)) this.#stand(first);
     this.move();
-    this.#go();
   }
 
   #stand(first) {
@@ -56,7 +54,7 @@ export class Viewer {
     this.current = this.start = first;
     this.time = STEP_SECONDS * this.order.indexOf(first);
     this.hasShown = this.hasMoved = false;
-    this.wanted = this.flight = null;
+    this.flight = null;
     this.isDirty = true;
     this.#set(views[first], true);
     this.hasMoved = this.isOld = false;
@@ -67,7 +65,6 @@ export class Viewer {
     const { views, hasCameras } = this.scene;
     this.bound = hasCameras ? new Bound(views, this.cloud.depth, this.cloud.spread) : null;
     if (this.near) this.near.bound = this.bound;
-    this.counted = counted(views);
     this.order = walk(views, this.cloud.depth);
     this.path = this.order.map((v) => views[v]);
   }
@@ -112,7 +109,7 @@ export class Viewer {
     this.move();
   }
 
-  // Goes to where view i was taken from, as soon as what shows from there is at hand.
+  // Goes to where view i was taken from.
   select(i, isAtOnce = this.isBare || this.isStill) {
     this.goTo(this.scene.views[i], isAtOnce);
     this.current = i;
@@ -124,36 +121,10 @@ export class Viewer {
     this.isSwinging = this.touched = false;
     this.flight = null;
     this.current = this.nearest(pose)[0];
-    const { K, width, height } = this.camera;
-    this.wanted = { pose: { K, width, height, ...pose }, isAtOnce, zoom };
-    this.#go();
-  }
-
-  #go() {
-    if (!this.wanted) return;
-    const { pose, isAtOnce, zoom } = this.wanted, { camera } = this;
-    if (!this.covers(pose)) return this.#ask();
-    const isFar = length(add(pose.position, camera.position, -1)) > this.cloud.depth;
-    this.wanted = null;
-    if (isAtOnce || isFar) this.#set(pose, true, zoom);
-    else this.flight = { from: { ...camera, rotation: camera.rotation.map((row) => [...row]) }, pose, zoom, done: 0 };
-  }
-
-  // Whether the views that show from a pose are at hand; of those behind them, the coarse surfaces too.
-  covers(pose, isWhole = true) {
-    const { held, surfaces } = this.cloud;
-    if (!held || !this.scene.hasCameras) return true;
-    const near = this.nearest(pose);
-    return near.slice(0, DRAWN).every((v) => held.has(v)) && (!isWhole || near.slice(0, AROUND).every((v) => surfaces.has(v)));
-  }
-
-  // Tells which views are wanted: those of where one goes, those of where one is, and those of the places beside it.
-  #ask(pose = this.wanted?.pose ?? this.flight?.pose ?? this.camera) {
-    if (!this.scene.hasCameras) return;
-    const places = [pose, this.camera].map((one) => this.nearest(one)), at = this.order.indexOf(this.current), { views } = this.scene;
-    const beside = [1, -1].flatMap((by) => (this.order[at + by] === undefined ? [] : this.nearest(views[this.order[at + by]]).slice(0, DRAWN)));
-    const some = (count) => [...new Set(places.flatMap((near) => near.slice(0, count)))];
-    this.told.near?.({ whole: some(DRAWN), coarse: some(AROUND), ahead: beside });
+    const { camera } = this, { K, width, height } = camera, to = { K, width, height, ...pose };
+    const isFar = length(add(to.position, camera.position, -1)) > this.cloud.depth;
+    if (isAtOnce || isFar) this.#set(to, true, zoom);
+    else this.flight = { from: { ...camera, rotation: camera.rotation.map((row) => [...row]) }, pose: to, zoom, done: 0 };
   }
 
   back() {
@@ -178,14 +149,14 @@ export class Viewer {
   }
 
   #touch() {
-    this.flight = this.wanted = null;
+    this.flight = null;
     this.isSwinging = false;
     if (!this.touched) this.told.touched();
     this.touched = true;
   }
 
   swing(isAsked) {
-    this.flight = this.wanted = null;
+    this.flight = null;
     this.isSwinging = isAsked;
     this.isAway = !isAsked;
     this.time = STEP_SECONDS * this.order.indexOf(this.current);
@@ -220,7 +191,6 @@ export class Viewer {
   // The camera has moved: Gaussians need another order.
   move() {
     if (!this.splats) return;
-    this.#ask();
     if (this.splats.isSorted) this.#sort();
     else this.waits = true;
     this.isDirty = true;
@@ -231,31 +201,27 @@ export class Viewer {
     this.waits = this.isElsewhere = false;
   }
 
-  // Views that count, those nearest to a pose first.
+  // Views, those nearest to a pose first.
   nearest(pose = this.camera) {
     const far = distances(this.scene.views, this.cloud.depth, pose);
-    return [...this.counted].sort((a, b) => far[a] - far[b] || a - b);
+    return far.map((_, v) => v).sort((a, b) => far[a] - far[b] || a - b);
   }
 
   shares() {
     const { views, hasCameras } = this.scene;
-    if (!hasCameras || !this.cloud.viewCount) return { front: [], all: [], behind: [] };
-    return shares(distances(views, this.cloud.depth, this.camera), this.counted, this.cloud.held);
+    return hasCameras && this.cloud.viewCount ? shares(distances(views, this.cloud.depth, this.camera)) : [];
   }
 
   // The point that shows at a pixel: on the nearest Gaussians there, or as deep as the scene where there are none.
   pointAt(x, y) {
-    const { means, opacities, parts, depth } = this.cloud, { clientWidth, clientHeight } = this.canvas, { camera } = this;
-    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight), depths = [], { all } = this.shares();
-    for (const { view, from, to } of parts) {
-      if (view >= 0 && !(all[view] > 0)) continue;
-      for (let i = from; i < to; i++) {
-        if (opacities[i] < 0.25) continue;
-        const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = dot(P.slice(6), ray);
-        if (z <= this.scene.nearPlane) continue;
-        const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x, dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
-        if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
-      }
+    const { means, opacities, depth } = this.cloud, { clientWidth, clientHeight } = this.canvas, { camera } = this;
+    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight), depths = [];
+    for (let i = 0; i < opacities.length; i++) {
+      if (opacities[i] < 0.25) continue;
+      const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = dot(P.slice(6), ray);
+      if (z <= this.scene.nearPlane) continue;
+      const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x, dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
+      if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
     }
     const found = depths.length ? depths.sort((a, b) => a - b)[depths.length >> 2] : depth;
     return add(camera.position, camera.ray(x, y, clientWidth, clientHeight), found);
@@ -286,10 +252,8 @@ export class Viewer {
     this.time += seconds;
     if (legs > 0) {
       const turns = this.time / STEP_SECONDS / legs, at = legs * (legs > 1 ? 1 - Math.abs(1 - (turns % 2)) : (1 - Math.cos(Math.PI * turns)) / 2);
-      const leg = Math.min(Math.floor(at), legs - 1), pose = poseBetween(path[leg], path[leg + 1], at - leg);
-      if (this.covers(pose)) return this.#set(pose, false, this.camera.zoom);
-      this.time -= seconds; // until that place is at hand
-      return this.#ask(pose);
+      const leg = Math.min(Math.floor(at), legs - 1);
+      return this.#set(poseBetween(path[leg], path[leg + 1], at - leg), false, this.camera.zoom);
     }
     const view = path[0], angle = (Math.PI * this.time) / STEP_SECONDS, wide = 0.7 * (this.bound?.side ?? 0.1 * this.scene.reach);
     const aside = add(scaled(view.rotation[0], wide * Math.sin(angle)), view.rotation[1], 0.4 * wide * (Math.cos(angle) - 1));
@@ -329,13 +293,8 @@ export class Viewer {
     this.wasMoving = moves;
   }
 
-  // Whether a picture would be whole: the views that show from here are at hand, and stand in an order from about here. The
-  // picture before stays otherwise, beside a small sign.
-  #isDrawable() {
-    const { splats } = this;
-    if (!splats.hasOrder || this.isElsewhere) return false;
-    return !this.hasMoved || (this.covers(this.camera, false) && splats.lacks(this.shares().all) < LACKING);
-  }
+  // Whether there is an order from about here. The picture before stays otherwise, beside a small sign.
+  #isDrawable() { return this.splats.hasOrder && !this.isElsewhere; }
 
   #sign(isOld) {
     if (isOld) document.body.dataset.waits = "";
@@ -354,9 +313,9 @@ export class Viewer {
     this.told.drawn(); // in an order that is at most a few frames old
     if (!this.splats.isSorted || this.waits) return;
     if (!moves) this.hasShown = true;
-    if (this.covers(this.camera)) this.isNew = false; // margins stay from now on
+    this.isNew = false; // margins stay from now on
     if (this.share < 1 || moves) return;
     document.body.dataset.ready = "";
-    if (!this.wanted) this.told.rested?.();
+    this.told.rested?.();
   }
 }

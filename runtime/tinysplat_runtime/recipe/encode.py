@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 
 from ..codec.job import EncodeStats, PhotoScene
-from ..codec.modes import DEFAULT_MODE, EITHER, LIST, PHOTOS
+from ..codec.modes import DEFAULT_MODE, LIST, PHOTOS
 from ..errors import InputError
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
-from ..graphs.ways import Way
-from ..refine.stats import RefineStats
-from ..scene.intake.layouts import load_scene
+from ..graphs.ways import LEAST_EACH, Way
 from ..scene.scenes import Scene
 from ..system import printable
 from ..system.told import NOBODY, Told
 from .request import CompressRequest, EncodeRequest
-from .stages import AT_ODDS, Pruning, Tools, code, code_photos, others, refine, sparse, strange
+from .stages import Pruning, Tools, code, code_photos, sparse
 
 LIST_QP = -6.0
 """Default Q_g of a capture as one list: training brings it nearer to its photos than most inputs of `compress` are, so
@@ -39,7 +37,6 @@ class Encoded:
         gaussians: what was coded, if `keep` asked for it: those of large photos take gigabytes.
         raw_bytes: size of their arrays.
         stats: what coding measured, including the seconds of each step.
-        refinement: what refinement did, if there was any.
         scene: the photos as the network saw them, if there were any.
         doubts: what is likely wrong with the scene, a line each.
     """
@@ -48,7 +45,6 @@ class Encoded:
     gaussians: Gaussians | None
     raw_bytes: int
     stats: EncodeStats
-    refinement: RefineStats | None = None
     scene: Scene | None = None
     doubts: tuple[str, ...] = ()
 
@@ -84,7 +80,7 @@ def encode(
     made = _made(replace(request, like=request.example()), tools, told, stats, is_coded=True)
     data = _coded(made.gaussians, made.request, made.scene, tools, stats, told)
     kept = made.gaussians if keep else None
-    return Encoded(data, kept, made.gaussians.nbytes, stats, made.refined, made.scene, made.doubts)
+    return Encoded(data, kept, made.gaussians.nbytes, stats, made.scene, made.doubts)
 
 
 def listed(
@@ -117,88 +113,92 @@ class _Made:
     request: EncodeRequest
     scene: Scene
     doubts: tuple[str, ...]
-    refined: RefineStats | None
 
 
 def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, *, is_coded: bool) -> _Made:
-    """Gaussians per pixel, refined or not, or one list; `is_coded` if they are then coded to a file."""
-    from .ahead import ahead, from_gaussians, from_network
-    from .prepare import ALL_VIEWS, expected_bytes, name_of, prepared
-    from .refinement import chosen, usual
+    """Gaussians per pixel, or one list; `is_coded` if they are then coded to a file."""
+    from .ahead import ahead
+    from .choice import chosen
+    from .memory import check_memory
+    from .prepare import prepared
 
     whole = scene = prepared(request, told)
-    request = usual(request, whole, told)
-    if request.mode == LIST:
-        from ..sparse.pictures import for_network
+    request = chosen(request, whole, told)
+    is_list = request.mode == LIST
+    if is_list:
+        from ..sparse import for_network
 
         scene = for_network(whole)
     way = _way(request, scene, tools)
-    request, refinement = chosen(request, scene, way, told)
-    is_compared = bool(refinement) and request.like is None
+    check_memory(scene, way, is_coded=request.mode != PHOTOS, trained_on=whole if is_list else None)
+    is_compared = request.mode != PHOTOS and _are_compared(request, scene)
+    _foretell(request, whole, told, is_coded=is_coded)
+    told.plan(ahead(way, request, len(scene.frames), is_compared=is_compared, is_coded=is_coded))
+    doubted = _doubted(scene, told)
+    gaussians = _predicted(request, scene, way, told, stats)
+    if is_compared:
+        gaussians, left = _agreeing(gaussians, scene, request, tools, told, stats, is_coded=is_coded)
+        whole = whole.views(left)
+    if request.save_gaussians is not None:
+        for loss in save_gaussians(request.save_gaussians, gaussians):
+            told.say("notice", loss, request.save_gaussians)
+    if is_list:
+        size = request.target_size if is_coded else None
+        with stats.watch.stage("train"):
+            gaussians = sparse(gaussians, whole, request.train, request.at_most, tools, told, size=size)
+    return _Made(gaussians, request, whole, doubted)
+
+
+def _are_compared(request: EncodeRequest, scene: Scene) -> bool:
+    """Whether photos that the others contradict are looked for: of two, nobody can tell which of them is wrong."""
+    return len(scene.frames) >= LEAST_EACH and request.like is None and find_spec("numba") is not None
+
+
+def _foretell(request: EncodeRequest, scene: Scene, told: Told, *, is_coded: bool) -> None:
+    """Say what is likely to come of it."""
+    from .prepare import ALL_VIEWS, expected_bytes
+
     if len(scene.frames) not in ALL_VIEWS and request.is_usual and request.mode == DEFAULT_MODE:
         told.say("notice", f"about {expected_bytes(scene) / 1000:.0f} KB", scene.path)
     if request.mode == LIST and told.listens:
         from .forecast import list_forecast
 
-        told.say("notice", list_forecast(whole, request.at_most, request.target_size if is_coded else None), scene.path)
-    photos = len(scene.frames)
-    told.plan(ahead(way, request, photos, refinement, is_compared=is_compared, is_coded=is_coded))
-    doubted = _doubted(scene, told)
-    gaussians = _predicted(request, scene, way, told, stats)
-    for looks in range(LOOKS, 0, -1) if is_compared else ():
-        left = _left(gaussians, scene, [name_of(frame) for frame in scene.frames], tools, told, stats)
-        if len(left) == photos:
+        told.say("notice", list_forecast(scene, request.at_most, request.target_size if is_coded else None), scene.path)
+
+
+def _agreeing(
+    gaussians: Gaussians,
+    scene: Scene,
+    request: EncodeRequest,
+    tools: Tools,
+    told: Told,
+    stats: EncodeStats,
+    *,
+    is_coded: bool,
+) -> tuple[Gaussians, list[int]]:
+    """The Gaussians of the photos that no others contradict, and which these are; names those that are left out."""
+    from .ahead import from_network
+    from .prepare import name_of
+    from .strangers import strangers
+
+    left = list(range(len(scene.frames)))
+    for looks in range(LOOKS, 0, -1):
+        with stats.watch.stage("agree"):
+            out = strangers(gaussians, scene.views(left), tools.threads, told)
+        if not out:
             break
-        if not left:
-            refinement = None
-            break
-        scene, whole, photos = scene.views(left), whole.views(left), len(left)
-        way = _way(request, scene, tools)
-        told.plan(from_network(way, request, photos, refinement, is_compared=looks > 1, is_coded=is_coded))
+        names = printable.listed([name_of(scene.frames[left[view]]) for view in out])
+        told.say("doubt", f"left out {names}: the other photos contradict what it shows", scene.path)
+        stay = [view for view in range(len(left)) if view not in out]
+        left = [left[view] for view in stay]
+        some = scene.views(left)
+        way, is_compared = _way(request, some, tools), looks > 1 and _are_compared(request, some)
+        told.plan(from_network(way, request, len(left), is_compared=is_compared, is_coded=is_coded))
         try:  # again, as what they show has misled the network about their neighbours
-            gaussians = _predicted(request, scene, way, told, stats)
+            gaussians = _predicted(request, some, way, told, stats)
         except InputError:  # a photo that had something in common with these alone
-            gaussians = select_views(gaussians, left)
-    if request.save_gaussians is not None:
-        for loss in save_gaussians(request.save_gaussians, gaussians):
-            told.say("notice", loss, request.save_gaussians)
-    if request.mode == EITHER:
-        from .contest import contest
-
-        with stats.watch.stage("choose"):
-            found = contest(gaussians, scene, request, tools, told)
-        told.say("notice", found.text(scene, request.at_most), scene.path)
-        request = replace(request, mode=found.winner)
-        told.plan(from_gaussians(request, photos, refinement, is_coded=is_coded))
-    if request.mode == LIST:
-        from ..refine.photos import targets_of
-
-        with stats.watch.stage("train"):
-            photos_whole = targets_of(whole.cameras, whole.frames)
-            size = request.target_size if is_coded else None
-            gaussians = sparse(gaussians, photos_whole, refinement, request.at_most, tools, told, size=size)
-        return _Made(gaussians, request, whole, doubted, None)
-    refined = RefineStats() if refinement else None
-    if refinement and refined:
-        with stats.watch.stage("refine"):
-            gaussians = refine(gaussians, scene, refinement, request, tools, stats=refined, told=told)
-        told.say("done", refined.text)
-    return _Made(gaussians, request, scene, doubted, refined)
-
-
-def _left(
-    gaussians: Gaussians, scene: Scene, names: Sequence[str], tools: Tools, told: Told, stats: EncodeStats
-) -> list[int]:
-    """Views to keep, those that are not `stages.strange`; names the others. None of two that contradict each other."""
-    with stats.watch.stage("agree"):
-        out = strange(gaussians, scene, tools, told)
-    left = others(gaussians, out)
-    if out and left:
-        strangers = printable.listed([names[view] for view in out])
-        told.say("doubt", f"left out {strangers}: the other photos contradict what it shows", scene.path)
-    elif out:
-        told.say("doubt", f"{AT_ODDS}, and correct nothing", scene.path)
-    return left
+            gaussians = select_views(gaussians, stay)
+    return gaussians, left
 
 
 def _doubted(scene: Scene, told: Told) -> tuple[str, ...]:
@@ -236,29 +236,16 @@ def compress(
     Raises:
         FormatError, InputError, NumericError: see `Runtime.compress`.
     """
-    from .ahead import AGREED, coded, refined
+    from .ahead import coded
 
-    stats, refinement = stats or EncodeStats(), RefineStats()
-    gaussians = request.gaussians
+    stats, gaussians = stats or EncodeStats(), request.gaussians
     if request.cameras is not None:
         gaussians = pixels_of(gaussians, request.cameras)
     gaussians = gaussians.with_notes(replace(gaussians.notes, **request.notes))
-    if request.photos is not None:
-        scene = request.photos if isinstance(request.photos, Scene) else load_scene(request.photos)
-        told.plan([*AGREED, *refined(request.refine), *coded(gaussians)])
-        names = [f"view {view}" for view in range(len(gaussians.cameras))]
-        left = _left(gaussians, scene, names, tools, told, stats)
-        if left:
-            if len(left) < len(names):
-                gaussians = select_views(gaussians, left)
-            with stats.watch.stage("refine"):
-                gaussians = refine(gaussians, scene, request.refine, request, tools, stats=refinement, told=told)
-            told.say("done", refinement.text)
     told.plan(coded(gaussians))
     pruning = Pruning(request.keep_all, request.seconds or math.inf)
     data = code(gaussians, request, tools, pruning=pruning, stats=stats, told=told)
-    kept = gaussians if keep else None
-    return Encoded(data, kept, gaussians.nbytes, stats, refinement if request.refine else None)
+    return Encoded(data, gaussians if keep else None, gaussians.nbytes, stats)
 
 
 def encode_predicted(

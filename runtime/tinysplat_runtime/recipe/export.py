@@ -22,7 +22,6 @@ from ..gaussian.footprints import widened
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
 from ..system.files import StrPath, read_limited, write_atomically
-from ..system.threads import Crew
 from ..system.told import NOBODY, Told
 from .request import HOW, Coding, CompressRequest, ExportRequest
 
@@ -44,8 +43,7 @@ def exported(
 
     Args:
         parts: what errors call it, and Gaussians; several become one list.
-        path: of the file that they go into; of a capture, more than `FEW` views, each surface goes out from two views
-            where the format knows no views.
+        path: of the file that they go into.
         request: see there.
         tools: to do it with, such as a `Runtime`.
         told: who is told what goes on.
@@ -65,7 +63,7 @@ def exported(
     chosen = []
     for name, part in parts:
         try:
-            chosen.append(_selected(part, path, request, tools, told))
+            chosen.append(_selected(part, request))
         except TinySplatError as error:
             raise error.within(name) if name else error from None
     gaussians = chosen[0] if len(chosen) == 1 else merge(chosen)
@@ -114,8 +112,6 @@ def write(
         save_points(path, gaussians)
     elif name.endswith(SUFFIX):
         write_atomically(path, _coded(gaussians, request, tools, source))
-    elif request.fuse:
-        return write_list(path, gaussians, request)
     else:
         return save_gaussians(path, gaussians, request.sh_bits, request.spz_version)
     return []
@@ -156,47 +152,15 @@ def is_drawn_whole(path: str) -> bool:
     return not path.lower().endswith(KEEPS_VIEWS)
 
 
-def _selected(gaussians: Gaussians, path: str, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
+def _selected(gaussians: Gaussians, request: ExportRequest) -> Gaussians:
     """What one file gives."""
     if request.dilate is not None:
         gaussians = widened(gaussians, request.dilate)
     if request.trim_border:
         gaussians = trim_border(gaussians, request.trim_border)
-    if request.fuse:
-        gaussians = _fused(gaussians, request, tools, told)
-    elif is_drawn_whole(path) and not (request.keep_all or request.points or request.trim_border):
-        gaussians = _thinned(gaussians, tools, told)
     if request.min_opacity is not None:
         gaussians = drop_transparent(gaussians, request.min_opacity)
     return gaussians if request.sh_degree is None else cut_degree(gaussians, request.sh_degree)
-
-
-def _thinned(gaussians: Gaussians, tools: Tools, told: Told) -> Gaussians:
-    from ..render.near import FEW
-
-    if len(gaussians.cameras) <= FEW:
-        return gaussians
-    from ..gaussian.thin import thinned
-
-    thin = thinned(gaussians, told.counted("thinning", Crew(tools.threads).map))
-    said = f"writes {thin.count:,} of {gaussians.count:,} Gaussians, for viewers that draw all"
-    told.say("notice", f"{said}; --fuse makes them one, --keep-all keeps all")
-    return thin
-
-
-def _fused(gaussians: Gaussians, request: ExportRequest, tools: Tools, told: Told) -> Gaussians:
-    with fast_for("fuse"):
-        from ..sparse.pictures import own_pictures
-    if len(gaussians.cameras) < 2:
-        found = f"{len(gaussians.cameras)} views, expected per-pixel Gaussians of two or more"
-        raise InputError(found, where="fuse")
-    from .stages import sparse
-
-    told.plan([("drawing its pictures", 1), ("training", 20), ("writing", 1)])
-    pictures = own_pictures(gaussians, tools.threads, told)
-    joined = sparse(gaussians, pictures, request.fuse, request.at_most, tools, told)
-    told.say("notice", "from the photos themselves: `tinysplat encode SCENE -o F.spz`, sharper and truer to new views")
-    return joined
 
 
 def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> Gaussians:
@@ -212,7 +176,7 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     """A .tsplat file's bytes.
 
     Moved as a whole they take their source's very pictures, which hold what cameras see; else its profile and Q_g. Cut
-    or joined they are no longer pixels of views, and coded as such. What was thinned once stays as it is.
+    or joined they are no longer pixels of views, and coded as such. What was pruned once stays as it is.
     """
     from .stages import Pruning, code
 

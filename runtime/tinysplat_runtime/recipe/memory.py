@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..codec.modes import DEFAULT_MODE, PHOTOS
 from ..errors import InputError
 from ..graphs.enlarge import LARGE_PIXELS
 from ..graphs.ways import OneByOne, SmallCopies, Way
@@ -32,15 +31,9 @@ coded."""
 DISK_BYTES_PER_PIXEL, ASIDE_BYTES_PER_PIXEL = 260, 5
 """What it takes of the disk, and of memory then: cells of photos, and numbers of blocks."""
 
-REFINED_DISK_BYTES_PER_PIXEL, REFINED_VIEW_BYTES_PER_PIXEL = 720, 1700
-"""What a capture that is refined takes of the disk, and what drawing a photo then takes of memory per pixel of it,
-beside what refinement keeps there; of 45 photos of 415×738 as measured, 1,650."""
-
-REFINED_BYTES_PER_PIXEL = 1350
-"""What refinement takes of every pixel, however large the photos; of six views as measured."""
-
-REFINED_CAPTURE_BYTES_PER_PIXEL = 330
-"""The same of a capture where there is no disk; of 45 photos of 256×455 as measured, 310."""
+TRAINED_BYTES_PER_PIXEL = 60
+"""What training a list takes of every pixel of its photos, beside the capture's Gaussians; as measured on 24 photos of
+256×256 51, of 640×480 24, without a disk 28."""
 
 LARGE_BYTES_PER_PIXEL = 147
 """The same of large photos, whose small copies alone a network is given: photos and Gaussians 77 while these are made,
@@ -53,38 +46,39 @@ MEMORY_SHARE = 0.9
 """Of the memory that is free, at most so much is planned with."""
 
 
-def check_memory(scene: Scene, way: Way | None = None, *, mode: str = DEFAULT_MODE, refined: bool = False) -> None:
+def check_memory(
+    scene: Scene, way: Way | None = None, *, is_coded: bool = True, trained_on: Scene | None = None
+) -> None:
     """Refuse photos that take more memory than is free, with a size that would fit.
 
     Args:
-        scene: the photos.
+        scene: the photos, as a network has them.
         way: how they go through the network; None for group by group.
-        mode: of the file.
-        refined: whether Gaussians are to be refined.
+        is_coded: whether Gaussians are, and not the photos themselves.
+        trained_on: the same photos as a list is trained on them; None where none is.
     """
     each, enlarger = isinstance(way, OneByOne), way.enlarger if isinstance(way, SmallCopies) else None
-    on_disk = REFINED_DISK_BYTES_PER_PIXEL if refined else DISK_BYTES_PER_PIXEL
-    disk = room() / on_disk if mode != PHOTOS else 0  # in pixels
-    camera, free, views = scene.frames[0].camera, available_bytes(), len(scene.frames)
+    disk = room() / DISK_BYTES_PER_PIXEL if is_coded else 0  # in pixels
+    camera, free, views = (trained_on or scene).frames[0].camera, available_bytes(), len(scene.frames)
+    most_seen = views * scene.frames[0].camera.width * scene.frames[0].camera.height
 
     def needed(pixels: float) -> float:
         """Bytes that so many pixels of all photos take."""
+        seen = min(pixels, most_seen)  # by the network
         together = views if views in ALL_VIEWS else GROUP
         grouped = (NETWORK_BYTES[0] * together + NETWORK_BYTES[1]) * together
         network = EACH_BYTES_PER_PIXEL if each else grouped
-        aside = ASIDE_BYTES_PER_PIXEL if pixels <= disk else None
+        aside = ASIDE_BYTES_PER_PIXEL if seen <= disk else None
         taken = [0.0]
-        if refined and aside and together < views:
-            taken.append(HELD_BYTES + REFINED_VIEW_BYTES_PER_PIXEL * pixels / views + aside * pixels)
-        elif refined:
-            taken.append((REFINED_CAPTURE_BYTES_PER_PIXEL if together < views else REFINED_BYTES_PER_PIXEL) * pixels)
-        if enlarger is None or pixels <= views * LARGE_PIXELS:
-            taken.append(network * pixels / views + ((aside or KEPT_BYTES_PER_PIXEL) * pixels if each else 0))
+        if enlarger is None or seen <= views * LARGE_PIXELS:
+            taken.append(network * seen / views + ((aside or KEPT_BYTES_PER_PIXEL) * seen if each else 0))
         else:
-            taken.append(network * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * pixels)
-            taken.append(LARGE_BYTES_PER_PIXEL * pixels)
+            taken.append(network * enlarger.pixels + PHOTO_BYTES_PER_PIXEL * seen)
+            taken.append(LARGE_BYTES_PER_PIXEL * seen)
         if together < views:
-            taken.append((aside or CAPTURE_BYTES_PER_PIXEL) * pixels)
+            taken.append((aside or CAPTURE_BYTES_PER_PIXEL) * seen)
+        if trained_on:
+            taken.append(HELD_BYTES + (aside or CAPTURE_BYTES_PER_PIXEL) * seen + TRAINED_BYTES_PER_PIXEL * pixels)
         return BYTES_AT_ALL + max(taken)
 
     pixels = views * camera.width * camera.height

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.byte_ranges import ranges_of
-from ..codec.decoder import decode_gaussians
-from ..codec.parts import SceneFile
+from ..codec.decoder import decode_file
 from ..container.list import List
 from ..container.reader import read_container
 from ..gaussian.gaussians import FIELDS, Gaussians
@@ -37,13 +33,6 @@ _SAMPLED = 16
 
 OWN_VIEWS = 8
 """Photos of a capture that are looked at, spread over it."""
-
-DRAWN_FROM, KEPT_BYTES = 8, 1 << 27
-"""Views of a capture that each of them is drawn from: those that are drawn whole, and as many behind them; and most
-memory of those that are kept for the next."""
-
-Near: TypeAlias = Callable[[Camera], Gaussians]
-"""What a camera's picture is drawn from."""
 
 
 @dataclass(frozen=True)
@@ -73,41 +62,21 @@ def compared(
         compiled: as `Renderer` has it; a few pictures alone are drawn sooner without.
     """
     count, is_list = len(scene.frames), isinstance(read_container(data, tools.limits).body, List)
-    near, seen = near_of(data, 2 if is_list else count, tools, model), scene.views(looked_at(count))
-    some = near(seen.cameras[0])
-    cameras, images = seen.cameras, seen.images(judged=True)
-    psnr = own_psnr(near, cameras, images, tools.threads, told, compiled=compiled)
-    return Look(some.count if is_list else some.count // len(some.cameras) * count, psnr)
+    chosen = looked_at(count)
+    file = read_container(data, tools.limits, views=None if is_list else chosen)
+    found = decode_file(file, tools.store, threads=tools.threads, model=model)
+    seen = scene.views(chosen)
+    psnr = own_psnr(found, seen.cameras, seen.images(judged=True), tools.threads, told, compiled=compiled)
+    return Look(found.count if is_list else found.count // len(chosen) * count, psnr)
 
 
 def looked_at(count: int) -> list[int]:
     """Which of so many photos a scene is compared with."""
-    if count in ALL_VIEWS:
-        return list(range(count))
-    return evenly(count, OWN_VIEWS)
-
-
-def near_of(data: bytes, photos: int, tools: Tools, model: str) -> Near:
-    """What pictures of a file of so many photos are drawn from: all of it, but of a capture the views about a camera.
-
-    `model` is the network of files that hold photos.
-    """
-    if photos in ALL_VIEWS:
-        whole = decode_gaussians(data, tools.store, threads=tools.threads, limits=tools.limits, model=model)
-        return lambda _: whole
-    file = SceneFile(
-        ranges_of(BytesIO(data)),
-        tools.store,
-        threads=tools.threads,
-        limits=tools.limits,
-        model=model,
-        cache_bytes=KEPT_BYTES,
-    )
-    return lambda camera: file.near(camera, DRAWN_FROM)
+    return list(range(count)) if count in ALL_VIEWS else evenly(count, OWN_VIEWS)
 
 
 def own_psnr(
-    near: Near,
+    gaussians: Gaussians,
     cameras: Sequence[Camera],
     images: NDArray,
     threads: int | None,
@@ -118,7 +87,7 @@ def own_psnr(
     """PSNR in dB of a scene's render at its own views to photos (V, H, W, 3), the mean over the views.
 
     Args:
-        near: the scene.
+        gaussians: the scene.
         cameras: of the photos.
         images: the photos, NaN where they do not count.
         threads, compiled: see `Renderer`.
@@ -127,16 +96,14 @@ def own_psnr(
     height, width = images.shape[1:3]
     rows = min(max(OWN_PIXELS // width, 1), height)
     first = (height - rows) // 2
-    whole = None
-    if rows == height and len(cameras) in ALL_VIEWS:
-        whole = Renderer(near(cameras[0]), threads=threads, compiled=compiled)
+    is_whole = rows == height or not gaussians.is_per_pixel
+    whole = Renderer(gaussians, threads=threads, compiled=compiled) if is_whole else None
 
     def drawn(camera: Camera) -> NDArray:
         band = _rows_of(camera, slice(first, first + rows))
         if whole is not None:
             return whole.render(band)
-        part = near(camera) if rows == height else _about(near(camera), band)
-        return Renderer(part, threads=threads, compiled=compiled, keep=False).render(band)
+        return Renderer(_about(gaussians, band), threads=threads, compiled=compiled, keep=False).render(band)
 
     return mean_decibels(map(drawn, told.progress("comparing photos", cameras)), images[:, first : first + rows])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..codec.decoder import decode_gaussians
@@ -51,5 +50,4 @@ def encode_report(coded: Encoded, tools: Tools, *, model: str | None) -> JsonObj
         "clipped": coded.stats.clipped,
         "error_by_attribute": errors,
         **({"psnr": coded.stats.psnr, "seen_from": coded.stats.views} if coded.stats.views else {}),
-        **({"refine": asdict(coded.refinement)} if coded.refinement else {}),
     }

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypedDict
 
-from ..codec.modes import CHOICES, DEFAULT_MODE, EITHER, LIST, PHOTOS
+from ..codec.modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError, within
@@ -22,7 +22,7 @@ from ..scene import BACKGROUND, MOVING
 from ..system.files import StrPath, read_limited
 from . import words
 from .options import Options, option
-from .words import AutoViews, Length, Refinement
+from .words import AutoViews, Length, Training
 
 if TYPE_CHECKING:
     from ..gaussian.gaussians import Gaussians
@@ -36,6 +36,10 @@ WHICH, HOW = "which Gaussians", "how files are written"
 
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
 """Options that say how fine planes are coded; one of them at most."""
+
+
+PLANES_ALONE = "fast", "lossless", "like"
+"""Options that say that photos become planes."""
 
 
 class NoteKeywords(TypedDict, total=False):
@@ -62,15 +66,6 @@ class Noted(Options):
     def notes(self) -> dict[str, str]:
         """Those that are given."""
         return {name: text for name in Noted.options() if (text := getattr(self, name)) is not None}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sparse(Options):
-    """Of a capture as few Gaussians for every viewer; see `sparse`."""
-
-    at_most: int | None = option(
-        words.count, metavar="N", needs=("fuse",), help="Gaussians of one list; default: as many as photos show detail"
-    )
 
 
 class CodingKeywords(TypedDict, total=False):
@@ -167,10 +162,11 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
     size: tuple[int, int] | str | None
     near: float | None
     far: float | None
-    refine: Refinement | int | str | None
     masks: str | bool | None
     joint: bool
     mode: str | None
+    fast: bool
+    train: Training | int | str | None
     at_most: int | None
     poses: StrPath | None
     first_number: int
@@ -180,7 +176,7 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncodeRequest(Noted, Coding, Sparse):
+class EncodeRequest(Noted, Coding):
     """Photos to be made into a file, and how.
 
     Attributes:
@@ -201,15 +197,6 @@ class EncodeRequest(Noted, Coding, Sparse):
     model: str = option(
         words.text, DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
     )
-    refine: Refinement | None = option(
-        words.refinement,
-        metavar="STEPS|10s",
-        usual=words.AUTO,
-        off=words.NO,
-        help="correct Gaussians by their photos",
-        off_help="leave Gaussians as the network made them",
-    )
-    """None as `recipe.refinement.chosen` has it."""
     masks: str | None = option(
         words.text,
         metavar="MEANING",
@@ -226,7 +213,22 @@ class EncodeRequest(Noted, Coding, Sparse):
     mode: str | None = option(
         words.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
     )
-    """`codec.modes` says what they are; None as `recipe.refinement.usual` has it."""
+    """`codec.modes` says what they are; None as `recipe.choice.chosen` has it."""
+    fast: bool = option(
+        words.flag,
+        False,
+        against=("mode",),
+        help="leave the network's Gaussians: --mode gaussians, whatever the photos",
+    )
+    train: Training | None = option(
+        words.training, metavar="STEPS|60s", against=PLANES_ALONE, help="how long a list is trained; default: by photos"
+    )
+    at_most: int | None = option(
+        words.count,
+        metavar="N",
+        against=PLANES_ALONE,
+        help="Gaussians of a list; default: as many as photos show detail",
+    )
     poses: StrPath | None = option(
         words.path,
         metavar="POSES",
@@ -259,19 +261,13 @@ class EncodeRequest(Noted, Coding, Sparse):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        of_list = [name for name in ("train", "at_most") if getattr(self, name) is not None]
+        if of_list and self.mode not in (None, LIST):
+            raise InputError(f"of a list, expected none with --mode {self.mode}", where=of_list[0])
         unfit = [name for name in self.rates if name != "qp" and (self.mode == PHOTOS or name in ("lossless", "like"))]
-        is_listed = self.mode in (LIST, EITHER)
-        if unfit and (self.mode == PHOTOS or is_listed):
+        if unfit and self.mode in (PHOTOS, LIST):
             option = unfit[0].replace("_", "-")
             raise InputError(f"'{self.mode}' with --{option}, expected --mode {DEFAULT_MODE}", where="mode")
-        if self.refine and self.mode == PHOTOS:
-            only = f"with --mode {self.mode}, whose files carry no Gaussians that were refined"
-            raise InputError(only, where="refine")
-        if self.refine is not None and not self.refine and is_listed:
-            raise InputError("no steps, of which few Gaussians that show all photos need some", where="refine")
-        if not is_listed and self.at_most is not None:
-            given = f"with --mode {self.mode or DEFAULT_MODE}"
-            raise InputError(f"{given}, whose files have all of them; expected {LIST}", where="at_most")
 
 
 class CompressKeywords(CodingKeywords, NoteKeywords, total=False):
@@ -280,8 +276,6 @@ class CompressKeywords(CodingKeywords, NoteKeywords, total=False):
     keep_all: bool
     seconds: float | None
     cameras: Sequence[Camera] | StrPath | None
-    photos: Scene | StrPath | None
-    refine: Refinement | int | str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,17 +297,6 @@ class CompressRequest(Noted, Coding):
         words.cameras, metavar="SCENE", help="cameras of its photos, to prune by"
     )
     """Of a list, in place of its viewpoints; where it has as many Gaussians as they have pixels, these."""
-    photos: Scene | StrPath | None = option(
-        words.scene, metavar="SCENE", needs=("refine",), help="photos by which --refine corrects the Gaussians"
-    )
-    refine: Refinement | None = option(
-        words.refinement,
-        metavar="STEPS|10s",
-        group=BYTES,
-        usual=words.AUTO,
-        needs=("photos",),
-        help="correct Gaussians by their photos",
-    )
 
 
 class ExportKeywords(NoteKeywords, total=False):
@@ -325,8 +308,6 @@ class ExportKeywords(NoteKeywords, total=False):
     sh_degree: int | None
     prune: float | str | None
     keep_all: bool
-    fuse: Refinement | int | str | None
-    at_most: int | None
     dilate: float | None
     points: bool
     sh_bits: Sequence[int] | str
@@ -342,7 +323,7 @@ class ExportKeywords(NoteKeywords, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(Noted, Sparse):
+class ExportRequest(Noted):
     """What `convert` and `decode` do with Gaussians; of what is left out, nothing is done.
 
     Raises:
@@ -361,17 +342,9 @@ class ExportRequest(Noted, Sparse):
         words.amount, metavar="SHARE|DB|N", group=WHICH, help="drop 0.5, down to 45dB, or all but N (numba)"
     )
     """Those that pictures need least go first."""
-    keep_all: bool = option(words.flag, False, group=WHICH, help="neither thin captures nor prune trained scenes")
+    keep_all: bool = option(words.flag, False, group=WHICH, help="do not prune a trained scene")
     """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
     pictures hardly need."""
-    fuse: Refinement | None = option(
-        words.refinement,
-        metavar="STEPS|60s",
-        group=WHICH,
-        usual=words.AUTO,
-        help="make a capture one list of few Gaussians (numba)",
-    )
-    """For how many steps, or how many seconds."""
     dilate: float | None = option(
         words.positive,
         metavar="VARIANCE",
@@ -432,5 +405,3 @@ class SaveKeywords(ExportKeywords, CodingKeywords, total=False):
 
     profile: str | None
     qp: float | None
-    photos: Scene | StrPath | None
-    refine: Refinement | int | str | None

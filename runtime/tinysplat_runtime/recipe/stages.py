@@ -1,4 +1,4 @@
-"""The steps from a network's Gaussians to bytes, a function each: refinement and coding.
+"""The steps from a network's Gaussians to bytes, a function each: training and coding.
 
 Each is given `Tools`, which a `Runtime` is.
 """
@@ -6,7 +6,7 @@ Each is given `Tools`, which a `Runtime` is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol, TypeAlias
@@ -37,18 +37,13 @@ from ..system.threads import Crew
 from ..system.told import NOBODY, Told
 from .forecast import MANY, prune_forecast
 from .request import Coding, EncodeRequest
-from .words import Refinement
+from .words import Training
 
 if TYPE_CHECKING:
     from ..codec.list.views import Views
-    from ..refine.stats import RefineStats
-    from ..render.gradient import Target
 
 MEASURED_VIEWS, MOST_JUDGED = 8, 16
 """Views in which the error of a list is measured; most views for Gaussians per pixel."""
-
-AT_ODDS = "the two photos contradict each other"
-"""Why two photos refine nothing."""
 
 Fidelity: TypeAlias = Callable[[bytes], float]
 """PSNR (dB) of a file's pictures against those of the original Gaussians."""
@@ -68,69 +63,26 @@ class Tools(Protocol):
     limits: Limits
 
 
-def strange(gaussians: Gaussians, scene: Scene, tools: Tools, told: Told = NOBODY) -> tuple[int, ...]:
-    """Views whose photos the others contradict; see `refine.strangers`.
-
-    Args:
-        gaussians: per pixel, of two views or more.
-        scene: with their photos, found by the poses of their cameras.
-        tools: to do it with.
-        told: is told of each photo.
-
-    Raises:
-        InputError: photos that do not fit the Gaussians, or numba is missing.
-    """
-    with fast_for("refine"):
-        from ..refine.strangers import strangers
-        from ..render.gradient import MovableGaussians
-        from ..sparse.pictures import photos_of
-    photos = photos_of(gaussians, scene)
-    return strangers(MovableGaussians(gaussians, Crew(tools.threads).map), photos, told)
-
-
-def others(gaussians: Gaussians, out: Collection[int]) -> list[int]:
-    """The views of Gaussians that are not left out."""
-    return [view for view in range(len(gaussians.cameras)) if view not in out]
-
-
-def refine(
-    gaussians: Gaussians,
-    scene: Scene,
-    refinement: Refinement | None,
-    coding: Coding,
-    tools: Tools,
-    *,
-    stats: RefineStats | None = None,
-    told: Told = NOBODY,
-) -> Gaussians:
-    """Gaussians that show their photos better; see `Runtime.refine`, whose default None stands for."""
-    with fast_for("refine"):
-        from ..refine.price import Coded
-        from ..refine.refine import Refining
-    coded, run_jobs = Coded(coding.planes, coding.step_qp), Crew(tools.threads).map
-    budget = Refinement() if refinement is None else refinement
-    steps, seconds = budget.steps, budget.seconds
-    return Refining(gaussians, scene, coded, run_jobs, steps=steps, seconds=seconds, stats=stats).run(told)
-
-
 def sparse(
     gaussians: Gaussians,
-    targets: Sequence[Target],
-    budget: Refinement | None,
+    scene: Scene,
+    training: Training | None,
     count: int | None,
     tools: Tools,
     told: Told,
     *,
     size: int | None = None,
 ) -> Gaussians:
-    """A list of at most so many Gaussians, and for so many bytes, that shows pictures of a capture; see
+    """A list of at most so many Gaussians, and for so many bytes, that shows a capture's photos; see
     `sparse.train.trained`.
     """
     with fast_for("at_most"):
+        from ..refine.photos import targets_of
         from ..sparse.settings import Budget
         from ..sparse.train import TrainStats, trained
-    stats, budget = TrainStats(), budget or Refinement()
-    allowed = Budget(count, budget.steps, budget.seconds, size)
+    stats, training = TrainStats(), training or Training()
+    allowed = Budget(count, training.steps, training.seconds, size)
+    targets = targets_of(scene.cameras, scene.frames)
     found = trained(gaussians, targets, allowed, threads=tools.threads, stats=stats, told=told)
     told.say("doubt" if stats.is_cut_short else "notice", stats.text)
     return found

@@ -21,7 +21,6 @@ from ..system.printable import type_of
 if TYPE_CHECKING:
     from ..prune.amount import Amount
     from ..scene.cameras import Camera
-    from ..scene.scenes import Scene
 
 _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
 
@@ -33,7 +32,7 @@ ALL, FULL = "all", "full"
 """Every view, however many there are; and every pixel."""
 
 AUTO, NO = "auto", "no"
-"""Of refinement: in as many steps as are usual for so many photos, and not at all."""
+"""Of views, those that the scene needs; of masks, none."""
 
 
 @dataclass(frozen=True)
@@ -52,29 +51,24 @@ class AutoViews:
 
 
 @dataclass(frozen=True)
-class Refinement:
-    """For how many steps, or for how many seconds, Gaussians are corrected; with neither, for as many steps as are
-    usual for so many photos; with 0 steps, not at all.
+class Training:
+    """For how many steps, or for how many seconds, a list is trained; with neither, for as many steps as are usual for
+    so many photos.
     """
 
     steps: int | None = None
     seconds: float | None = None
 
     def __post_init__(self) -> None:
-        for value, kind in ((self.steps, whole), (self.seconds, number)):
+        for value, kind in ((self.steps, count), (self.seconds, positive)):
             if value is not None:
-                with within("refine"):
+                with within("train"):
                     kind(value)
         if self.steps is not None and self.seconds is not None:
-            raise InputError("expected steps or seconds, and one of them", where="refine")
+            raise InputError("expected steps or seconds, and one of them", where="train")
 
     def __str__(self) -> str:
-        if self == Refinement():
-            return AUTO
-        return f"{self.seconds:g}s" if self.steps is None else str(self.steps or NO)
-
-    def __bool__(self) -> bool:
-        return self.steps != 0
+        return AUTO if self == Training() else f"{self.seconds:g}s" if self.steps is None else str(self.steps)
 
 
 @dataclass(frozen=True)
@@ -134,17 +128,6 @@ def file(given: object) -> bytes | StrPath:
     """A file by its path, or its bytes."""
     if not isinstance(given, str | bytes | os.PathLike):
         raise _refused(given, "bytes or a path")
-    return given
-
-
-def scene(given: object) -> Scene | StrPath:
-    """A scene by its path, or one that was loaded."""
-    if isinstance(given, str | os.PathLike):
-        return given
-    from ..scene.scenes import Scene
-
-    if not isinstance(given, Scene):
-        raise _refused(given, "a Scene or the path of one")
     return given
 
 
@@ -356,17 +339,15 @@ def decibels(given: object) -> float:
     return number(given)
 
 
-def refinement(given: object) -> Refinement:
-    """`20` or 20 to steps, `10s` to seconds, `auto` to neither, `no` to 0 steps."""
-    if isinstance(given, Refinement):
+def training(given: object) -> Training:
+    """`800` or 800 to steps, `60s` to seconds."""
+    if isinstance(given, Training):
         return given
-    if isinstance(given, str) and given in (AUTO, NO):
-        return Refinement(steps=0 if given == NO else None)
     with contextlib.suppress(InputError):
         if isinstance(given, str) and given.endswith("s"):
-            return Refinement(seconds=positive(given[:-1]))
-        return Refinement(steps=0 if given == 0 and not isinstance(given, bool) else count(given))
-    raise _refused(given, "steps such as 20, seconds such as 10s, auto or no")
+            return Training(seconds=positive(given[:-1]))
+        return Training(steps=count(given))
+    raise _refused(given, "steps such as 800 or seconds such as 60s")
 
 
 def amount(given: object) -> Amount:

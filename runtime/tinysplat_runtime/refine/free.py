@@ -14,7 +14,7 @@ from ..gaussian.gaussians import Gaussians
 from ..gaussian.quaternions import normalize_quats
 from ..render.gradient import Comparer, PhotoError, Target, fill_chunks, logits_of, opacities_of, padded
 from ..render.kernels_blend import Extent, Picture, Scratch, composite_tile
-from ..render.kernels_gradient import Exposure, Sought, differentiate_tile
+from ..render.kernels_gradient import Sought, differentiate_tile
 from ..render.kernels_list import Listed, Visible
 from ..render.kernels_project import CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from ..render.lists import Chunks, TileLists, view_numbers
@@ -141,8 +141,7 @@ class FreeGaussians:
             structure: share of 1 − SSIM in the loss, beside |error|.
         """
         view, visible = self._seen(target.camera)
-        exposure = Exposure(*map(np.float32, (target.gain, target.offset, weight, structure, target.backdrop)))
-        sought = Sought(target.photo, exposure, np.empty((0, 0, 0), np.float32))
+        sought = Sought(target.photo, *map(np.float32, (weight, structure, target.backdrop)))
         add_up = None if gradient is None else partial(self._add_up, visible, view, gradient)
         return self._comparer.compare(visible, view, sought, add_up)
 
@@ -181,7 +180,7 @@ class FreeGaussians:
 
     def _project(self, piece: RowBlock, view: View) -> Visible:
         chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
-        return self._comparer.buffers.project(chunks, view, 0.0, 0.0)
+        return self._comparer.buffers.project(chunks, view, 0.0)
 
     def _block(self, piece: RowBlock) -> Block:
         """A piece as it stands, for the code that works in float64."""

@@ -1,4 +1,11 @@
-"""Gradients of Gaussians that belong to no pixels, as compiled code: what `render/kernels_chain.py` is for pixels'."""
+"""Gaussians where their values put them, and from sums of pairs of tile and splat to gradients by Gaussian, as compiled
+code: the second half of `render/kernels_gradient.py`.
+
+Adding sums up by Gaussian replays the listing of pairs, so results depend on neither the number of threads nor their
+haste. The chain from sums to values needs no derivative of a covariance: in whitened pixels y = F·d with exponent −|y|²
+(F has αx, βx and γ), Σ₂ enters as 2 tr(F dΣ₂ Fᵀ Σ pull·y·yᵀ), which needles do not cancel. What turns with the
+direction that colours of SH degree 1 and up are seen from is left out.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +18,7 @@ from numpy.typing import NDArray
 from ..gaussian.sh import C0, band_1, band_2
 from ..render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
 from ..render.kernels_list import Tiles, Visible, rows_of, tiles_of
-from ..render.kernels_place import exp, place_looks
-from ..render.kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, RED, ViewNumbers
+from ..render.kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, OPACITY, RED, ViewNumbers
 from ..system.kernels_compile import Number, compiled
 
 MOVE, LOG_SCALE, TURN, LOGIT, SH_RED = 0, 3, 6, 10, 11
@@ -27,7 +33,7 @@ BASE = 4
 """Planes of a chunk of what does not change: mean (3) as it began, and the unit."""
 
 _F, _I, _ZERO = np.float32, np.uint64, np.float32(0)
-_MEAN, _AXES = _I(MEAN * CHUNK), _I(AXES * CHUNK)
+_MEAN, _AXES, _OPACITY = (_I(plane * CHUNK) for plane in (MEAN, AXES, OPACITY))
 _UNIT = _I(3 * CHUNK)
 _SLOPES = 9
 _BAND_1, _BAND_2 = compiled(band_1), compiled(band_2)
@@ -78,12 +84,63 @@ def place(base: NDArray, values: NDArray, first: int, geometry: NDArray, sh: NDA
                 i = _I(lane)
                 out[to + _MEAN + plane + i] = start[at + plane + i] + start[at + _UNIT + i] * moves[row + i]
             for lane in range(CHUNK):
-                scales[axis, lane] = _F(exp(np.float64(log_scales[row + _I(lane)])))
+                scales[axis, lane] = _F(_exp(np.float64(log_scales[row + _I(lane)])))
             for entry in range(3):
                 place = _I((3 * entry + axis) * CHUNK)
                 for lane in range(CHUNK):
                     out[to + _AXES + place + _I(lane)] = scales[axis, lane] * turns[3 * entry + axis, lane]
-    place_looks(values[LOGIT:], first, geometry, sh)
+    _place_looks(values[LOGIT:], first, geometry, sh)
+
+
+@compiled
+def _place_looks(looks: NDArray, first: int, geometry: NDArray, sh: NDArray) -> None:
+    """Give a block's Gaussians the opacities and colours that their values say.
+
+    Args:
+        looks: (1 + n, rows) float32: logits, and the first n planes of `sh`, three or more.
+        first, geometry, sh: as `place` has them.
+    """
+    logits, out, colours = looks[0], geometry.ravel(), sh.ravel()
+    for chunk in range(len(sh)):
+        row, to = _I(first + chunk * CHUNK), _I(chunk * GEOMETRY * CHUNK)
+        for lane in range(CHUNK):
+            out[to + _OPACITY + _I(lane)] = _F(_log_sigmoid(np.float64(logits[row + _I(lane)])))
+        for number in range(len(looks) - 1):
+            colour, plane = looks[1 + number], _I(chunk * sh.shape[1] + number * CHUNK)
+            for lane in range(CHUNK):
+                colours[plane + _I(lane)] = colour[row + _I(lane)]
+
+
+@compiled
+def _exp(x: Number) -> Number:
+    """e^x, float64 to a billionth, x cut to [−80, 80], as arithmetic that vectorises: no call of a library does."""
+    x = x if x > -80 else -80.0
+    x = x if x < 80 else 80.0
+    biased = np.int32(x * 1.4426950408889634 + 127.5)  # the nearest power of two, and 127
+    r = x - (np.float64(biased) - 127) * 0.6931471805599453
+    p = r / 40320 + 1 / 5040
+    p = p * r + 1 / 720
+    p = p * r + 1 / 120
+    p = p * r + 1 / 24
+    p = p * r + 1 / 6
+    p = p * r + 0.5
+    return (p * r * r + r + 1) * np.float64(np.int32(biased << np.int32(23)).view(np.float32))
+
+
+@compiled
+def _log_sigmoid(x: Number) -> Number:
+    """log(1 / (1 + e^−x)), float64 to a billionth: 1 + e^−|x| by the series of 2 artanh(s), s at most 1/3."""
+    t = _exp(-abs(x))
+    s = t / (2 + t)
+    q = s * s
+    p = q / 17 + 1 / 15
+    p = p * q + 1 / 13
+    p = p * q + 1 / 11
+    p = p * q + 1 / 9
+    p = p * q + 1 / 7
+    p = p * q + 1 / 5
+    p = p * q + 1 / 3
+    return (x if x < 0 else 0.0) - 2 * (p * q * s + s)
 
 
 @compiled
@@ -176,7 +233,7 @@ def _shape_gradient(
     """Gradients with respect to the mean (3), scene units, logarithms of the scales (3), and turning about the world's
     axes (3), written to `out`.
 
-    With 2 tr(F dΣ₂ Fᵀ Q) as in `render/kernels_chain.py`; the footprint is Σ mₖ², Σ mₖ nₖ, Σ nₖ² over axes k.
+    The footprint is Σ mₖ², Σ mₖ nₖ, Σ nₖ² over axes k.
     """
     (ox, oy, oz), ahead = view.offset, view.ahead
     (min_u, min_v), (max_u, max_v) = view.least, view.greatest

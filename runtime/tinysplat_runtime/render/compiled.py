@@ -11,7 +11,7 @@ Only the loops in `kernels_*.py` need numba; `Renderer` imports this module wher
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ from .kernels_blend import Extent, Picture, Scratch
 from .kernels_list import Listed
 from .kernels_project import AXES, CHUNK, GEOMETRY, MEAN, OPACITY, OWN_PIXEL
 from .lists import Chunks, SplatBuffers
-from .near import Shares
-from .prepare import Part, Shelf
+from .prepare import Part
 from .project import View, may_show
 
 Packed = partial[Chunks]
@@ -35,29 +34,30 @@ class Rasteriser:
     Between frames it keeps the packed Gaussians, and buffers as large as what frames have shown.
     """
 
-    def __init__(self, parts: Sequence[Part], places: int, run_jobs: Callable) -> None:
-        """Parts are packed when a frame needs them, and kept while there are places; without any, what shows of them is
-        packed for every frame. `run_jobs` maps over a list.
+    def __init__(self, parts: Sequence[Part], keeps: bool, run_jobs: Callable) -> None:
+        """Parts are packed when a frame needs them first, or, unless it `keeps` them, what shows of them for every
+        frame. `run_jobs` maps over a list.
         """
         longest = CHUNK * max(-(-part.size // CHUNK) for part in parts)
         self._parts, self._run = parts, run_jobs
-        self._shelf = Shelf(lambda number, place: pack(parts[number], place * longest), places)
-        self._keeps, self._buffers = places > 0, SplatBuffers(places * longest, run_jobs, only_shown=True)
+        self._packed = cache(lambda number: pack(parts[number], number * longest))
+        self._keeps = keeps
+        self._buffers = SplatBuffers(len(parts) * longest if keeps else 0, run_jobs, only_shown=True)
 
-    def draw(self, drawn: Sequence[int], view: View, shares: Shares, with_depth: bool) -> Canvas:
-        """Draw a frame of some parts."""
+    def draw(self, drawn: Sequence[int], view: View, shares: NDArray, with_depth: bool) -> Canvas:
+        """Draw a frame of some parts; `shares` are those of `NearViews.shares`."""
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
-        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), shares.has_front
+        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), bool(shares.any())
         if self._keeps:
             self._buffers.clear()
-            buffers, packed = self._buffers, [partial(_itself, chunks) for chunks in self._shelf.take(drawn)]
+            buffers, packed = self._buffers, [partial(self._packed, number) for number in drawn]
         else:
             buffers, packed = self._shown(drawn, view)
 
         def project(number_and_chunks: tuple[int, Packed]) -> kernels_list.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
-            return buffers.project(chunks(), view, *shares.of(of.view, of.is_surface, of.is_coarse))
+            return buffers.project(chunks(), view, float(shares[of.view]) if of.is_surface else 0.0)
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
             kernels_blend.composite_tile(listed, extent, scratch, picture, has_front)
@@ -76,10 +76,6 @@ class Rasteriser:
         ends = np.cumsum([CHUNK * -(-np.count_nonzero(keep) // CHUNK) for keep in shown]).tolist()
         packed: list[Packed] = [partial(pack, *of) for of in zip(parts, [0, *ends[:-1]], shown, strict=True)]
         return SplatBuffers(ends[-1], self._run, only_shown=True), packed
-
-
-def _itself(chunks: Chunks) -> Chunks:
-    return chunks
 
 
 def pack(of: Part, first: int, keep: NDArray | None = None) -> Chunks:

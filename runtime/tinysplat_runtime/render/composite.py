@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .near import OPEN
 from .prepare import ALPHA_MIN
 from .project import BLUE, GAMMA, RECORD, RED, Splats
 from .tiles import BATCH, TILE_HEIGHT, TILE_WIDTH, Pairs, TileGrid, in_batches
@@ -79,17 +78,6 @@ class Band:
     def open_tiles(self) -> NDArray:
         """(tiles,) bool: those with a pixel that has not stopped."""
         return self.state[:, LEFT :: self.planes].max(axis=(1, 2)) > 0
-
-    def close(self) -> NDArray:
-        """Stop the picture of everything in pixels where no more than `OPEN` is left; (tiles,) bool those that are open
-        still.
-        """
-        left, stopped = self.state[:, LEFT], self.state[:, STOPPED]
-        through = self._picture(0)[0][:, 0] * (self._picture(self.planes)[0][:, 0] if self.has_front else 1)
-        closed = (through <= np.float32(OPEN)) & (left > 0)
-        stopped[closed] = left[closed]
-        left[closed] = 0
-        return left.max(axis=1) > 0
 
     def write(self, canvas: Canvas) -> None:
         """Hand over what was gathered."""

@@ -36,7 +36,6 @@ from .kernels_project import (
     X,
     Y,
 )
-from .near import OPEN
 from .prepare import ALPHA_MIN
 from .project import MARGIN_PX
 
@@ -117,70 +116,16 @@ def blend_tile(listed: Listed, extent: Extent, work: Scratch, has_front: bool) -
     state, near = work.state, work.near
     _clear(state, extent)
     keys = sort_by_depth(listed.keys, listed.scratch, work.histogram)
-    count, whole = 0, _before(keys)
-    while count < whole and (count == 0 or is_open(state) or (has_front and is_open(state[_FRONT:]))):
-        end = min(count + AHEAD, whole)
+    count = 0
+    while count < keys.size and (count == 0 or is_open(state) or (has_front and is_open(state[_FRONT:]))):
+        end = min(count + AHEAD, keys.size)
         bring_near(listed, keys[count:end], near)
         for entry in range(end - count):
             blend_splat(near[entry], extent, state, has_front and near[entry, LAST] > _ZERO)
         count = end
-    if whole < keys.size:
-        spans, count = work.histogram, whole
-        _close(state, extent, has_front, spans)
-        while count < keys.size and is_open(state):
-            end = min(count + AHEAD, keys.size)
-            bring_near(listed, keys[count:end], near)
-            for entry in range(end - count):
-                _blend_behind(near[entry], extent, state, spans)
-            count = end
     if has_front:
         _put_together(state, extent)
     return keys, count
-
-
-@compiled
-def _before(keys: NDArray) -> int:
-    """How many sorted keys come before those of what is drawn behind everything else."""
-    first, last = 0, keys.size
-    while first < last:
-        middle = (first + last) // 2
-        if keys[middle] >> _I(63):
-            last = middle
-        else:
-            first = middle + 1
-    return first
-
-
-@compiled
-def _close(state: NDArray, extent: Extent, has_front: bool, spans: NDArray) -> None:
-    """Stop the picture of everything in pixels where no more than `OPEN` is left; `spans` get the first and the last
-    column of each row that are open still.
-    """
-    for line in range(extent.rows):
-        spans[2 * line], spans[2 * line + 1] = extent.columns, -1
-        for lane in range(extent.columns):
-            at = line * ROW + lane
-            through = abs(state[at]) * (abs(state[at + int(_FRONT)]) if has_front else _F(1))
-            if through <= _F(OPEN):
-                state[at] = -abs(state[at])
-            elif state[at] > _ZERO:
-                spans[2 * line], spans[2 * line + 1] = min(spans[2 * line], lane), lane
-
-
-@compiled
-def _blend_behind(splat: NDArray, extent: Extent, state: NDArray, spans: NDArray) -> None:
-    """As `blend_splat`, between the columns of each row that are open."""
-    x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
-    log_opacity = splat[LOG_OPACITY]
-    colour, step = (splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]), ramp() * alpha_x
-    left, right, top, bottom = box(splat, extent)
-    for row in range(top, bottom + 1):
-        dy, line = _F(row) + _HALF - y, row - extent.row
-        fall = gamma * dy * (gamma * dy)
-        start = _I(line * ROW)
-        for column in range(max(left, spans[2 * line]), min(right, spans[2 * line + 1]) + 1, LANES):
-            u = step + (alpha_x * (_F(column) + _HALF - x) + beta_x * dy)
-            _blend_pixels(state, start + _I(column), cut(alphas(u, log_opacity - fall)), colour)
 
 
 @compiled

@@ -5,7 +5,7 @@ second walk goes front to back again: with weight w = α·T, an error's gradient
 what lies behind divided by 1 − α, and what lies behind is what the first walk gathered less what the second has passed.
 
 Each pair of tile and splat has a place of its own for its nine sums, in the order in which pairs are listed;
-`kernels_chain.py` makes of them what changes by Gaussian.
+`refine/kernels_free.py` makes of them what changes by Gaussian.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .kernels_blend import (
     cut,
 )
 from .kernels_list import TILE_HEIGHT, TILE_WIDTH, Listed
-from .kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LAST, LOG_OPACITY, REACH, RED, X, Y
+from .kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LOG_OPACITY, REACH, RED, X, Y
 
 PAIR = 9
 """Sums of a pair of tile and splat."""
@@ -42,12 +42,9 @@ PULL, PULL_U, PULL_W, PULL_UU, PULL_UW, PULL_WW, BY_RED, BY_GREEN, BY_BLUE = ran
 """Which they are: pull, pull·u, pull·w, pull·u², pull·u·w, pull·w², and weight by colour's gradient (3), where u and w
 are whitened pixels and pull is the gradient with respect to the exponent."""
 
-SUMS = 7
-"""Of a tile. Pixels whose red is NaN count nowhere and have no gradient."""
-
-ABSOLUTE, SQUARED, BY_GAIN, BY_OFFSET, KNOWN, ALIKE, COMPARED = range(SUMS)
-"""Which they are: |error|, squared error of values clipped to [0, 1], sign·picture, sign, and number of pixels; SSIM of
-blocks of which all is known times their pixels and colours, and number of these."""
+SUMS = 2
+"""Of a tile: squared error of values clipped to [0, 1], and number of pixels that the photo knows. Pixels whose red is
+NaN count nowhere and have no gradient."""
 
 BLOCK = 8
 """Pixels a side of the blocks that SSIM is taken over, which tiles consist of: within one its gradient by a pixel is a
@@ -59,42 +56,24 @@ _C1, _C2 = 0.01**2, 0.03**2  # of Wang et al. 2004
 _F, _I = np.float32, np.uint64
 _STRIDE = TILE_WIDTH + LANES
 _RED, _GREEN, _BLUE, _BEHIND = (_I(plane * _STRIDE) for plane in range(1, PLANES))
-_FRONT = _I(PLANES * _STRIDE)
 _ALPHA_MAX = _F(ALPHA_MAX)
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 
 
-class Exposure(NamedTuple):
-    """Gain and offset that a picture is seen with, what a unit of the loss counts in gradients, the share of
-    1 − SSIM in it, beside |error|, and how bright it is behind all splats, 0 of pictures with a front; float32.
-    """
-
-    gain: np.float32
-    offset: np.float32
-    weight: np.float32
-    structure: np.float32 = np.float32(0)
-    backdrop: np.float32 = np.float32(0)
-
-
 class Sought(NamedTuple):
-    """What a picture is held against, and what it leaves.
+    """What a picture is held against, and how.
 
     Attributes:
         photo: (H, W, 3) float32, NaN where nothing is known.
-        exposure: how the picture is seen.
-        shown: (H, W, 4) float32 or (0, 0, 0): the picture and its transmittance, written in tiles where the photo knows
-            something.
-        most_left: where transmittance is more, nothing is known either; 1 where `shown` is (0, 0, 0).
-        hidden: transmittance before a splat, at its middle, below which its sums are left out; at 0, none are.
-        has_front: as `kernels_blend.blend_tile` has it.
+        weight: what a unit of the loss counts in gradients.
+        structure: share of 1 − SSIM in it, beside |error|.
+        backdrop: how bright the picture is behind all splats.
     """
 
     photo: NDArray
-    exposure: Exposure
-    shown: NDArray
-    most_left: np.float32 = np.float32(1)
-    hidden: np.float32 = np.float32(0)
-    has_front: bool = False
+    weight: np.float32
+    structure: np.float32
+    backdrop: np.float32
 
 
 @compiled
@@ -104,7 +83,7 @@ def measure_tile(listed: Listed, extent: Extent, work: Scratch, sought: Sought, 
     Args:
         listed, extent, work: as `kernels_blend.blend_tile` has them.
         sought: the photo.
-        sums: (5,) float64, written.
+        sums: (2,) float64, written.
         pairs: (pairs, 9) float32, written at the tile's places; (0, 9) where none are wanted.
     """
     if pairs.size:
@@ -113,10 +92,10 @@ def measure_tile(listed: Listed, extent: Extent, work: Scratch, sought: Sought, 
     if not _is_known(sought.photo, extent):
         sums[:] = 0
         return
-    keys, count = blend_tile(listed, extent, work, sought.has_front)
+    keys, count = blend_tile(listed, extent, work, False)
     _compare(work.state, sought, extent, sums)
     if pairs.size:
-        _walk_again(listed, keys[:count], extent, work, sought.has_front, sought.hidden, pairs)
+        _walk_again(listed, keys[:count], extent, work, pairs)
 
 
 @compiled
@@ -141,13 +120,11 @@ def differentiate_tile(listed: Listed, extent: Extent, work: Scratch, slopes: ND
                 behind += slope * state[plane]
                 state[plane] = slope
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
-    _walk_again(listed, keys[:count], extent, work, False, _ZERO, pairs)
+    _walk_again(listed, keys[:count], extent, work, pairs)
 
 
 @compiled
-def _walk_again(
-    listed: Listed, keys: NDArray, extent: Extent, work: Scratch, has_front: bool, hidden: Number, pairs: NDArray
-) -> None:
+def _walk_again(listed: Listed, keys: NDArray, extent: Extent, work: Scratch, pairs: NDArray) -> None:
     """Walk what was blended of a tile's list for its sums, where a pixel's state is full transmittance, the gradient by
     its colour, and what lies behind the first splat.
     """
@@ -156,12 +133,7 @@ def _walk_again(
         end = min(start + AHEAD, keys.size)
         bring_near(listed, keys[start:end], near)
         for entry in range(end - start):
-            splat = near[entry]
-            at = _middle(splat, extent)
-            is_behind = max(state[at], _ZERO) < hidden
-            in_front = has_front and splat[LAST] > _ZERO and max(state[at + int(_FRONT)], _ZERO) >= hidden
-            if in_front or not is_behind:
-                _walk(splat, in_front, not is_behind, extent, state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
+            _walk(near[entry], extent, state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 
 
 @compiled
@@ -175,78 +147,50 @@ def _is_known(photo: NDArray, extent: Extent) -> bool:
 
 
 @compiled
-def _middle(splat: NDArray, extent: Extent) -> int:
-    """Where the state of a splat's middle is, or of what is nearest to it of the tile."""
-    column = min(max(int(splat[X]) - extent.column, 0), extent.columns - 1)
-    row = min(max(int(splat[Y]) - extent.row, 0), extent.rows - 1)
-    return row * ROW + column
-
-
-@compiled
 def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> None:
     """Sum a tile's errors, and turn its state into that of the second walk: full transmittance, the error's gradient by
-    colour, and what lies behind the first splat; of the picture in front, too, where there is one.
+    colour, and what lies behind the first splat.
     """
-    row, column, photo, shown = extent.row, extent.column, sought.photo, sought.shown
-    gain, offset, weight, structure, backdrop = sought.exposure
-    has_front, front = sought.has_front, int(_FRONT)
+    row, column, photo, structure = extent.row, extent.column, sought.photo, sought.structure
     terms = np.empty((3, TILE_HEIGHT // BLOCK, _BLOCKS, 3), np.float32)
-    sums[ALIKE], sums[COMPARED] = _compare_blocks(state, sought, extent, terms)
-    absolute = squared = by_gain = by_offset = 0.0
-    known = 0
+    _compare_blocks(state, sought, extent, terms)
+    squared, known = 0.0, 0
     for line in range(extent.rows):
         for lane in range(extent.columns):
             at = line * ROW + lane
-            is_known, behind, behind_front = not np.isnan(photo[row + line, column + lane, 0]), _ZERO, _ZERO
-            if shown.size:
-                shown[row + line, column + lane, 3] = abs(state[at])
-                for channel in range(3):
-                    shown[row + line, column + lane, channel] = state[at + (1 + channel) * _STRIDE]
-                is_known &= abs(state[at]) <= sought.most_left
-            through = abs(state[at + front]) if has_front else _ONE
-            lit = abs(state[at]) * backdrop
+            is_known, behind = not np.isnan(photo[row + line, column + lane, 0]), _ZERO
+            lit = abs(state[at]) * sought.backdrop
             for channel in range(3):
                 plane = at + (1 + channel) * _STRIDE
                 found, wanted = state[plane] + lit, photo[row + line, column + lane, channel]
                 if not is_known:
-                    state[plane] = state[plane + front] = _ZERO
+                    state[plane] = _ZERO
                     continue
-                seen = gain * found + offset
-                error = np.float64(seen - wanted)
-                clipped = np.float64(min(max(seen, _ZERO), _ONE) - wanted)
+                error = np.float64(found - wanted)
+                clipped = np.float64(min(max(found, _ZERO), _ONE) - wanted)
                 sign = 1.0 if error > 0 else (-1.0 if error < 0 else 0.0)
-                absolute += abs(error)
                 squared += clipped * clipped
-                by_gain += sign * found
-                by_offset += sign
                 by_block = terms[channel, line // BLOCK, lane // BLOCK]
-                alike = by_block[0] + by_block[1] * seen + by_block[2] * wanted
-                slope = ((_ONE - structure) * _F(sign) - structure * alike) * gain * weight
-                if has_front:
-                    behind_front += slope * found
-                    found -= state[plane + front]
-                    state[plane + front] = slope
-                state[plane] = slope * through
+                alike = by_block[0] + by_block[1] * found + by_block[2] * wanted
+                slope = ((_ONE - structure) * _F(sign) - structure * alike) * sought.weight
+                state[plane] = slope
                 behind += slope * found
             known += is_known
             state[at], state[at + 4 * _STRIDE] = _ONE, behind
-            if has_front:
-                state[at + front], state[at + front + 4 * _STRIDE] = _ONE, behind_front
-    sums[ABSOLUTE], sums[SQUARED], sums[BY_GAIN], sums[BY_OFFSET] = absolute, squared, by_gain, by_offset
-    sums[KNOWN] = known
+    sums[0], sums[1] = squared, known
 
 
 @compiled
-def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArray) -> tuple[float, float]:
-    """SSIM of a tile's blocks: its sum and its number, as `ALIKE` and `COMPARED`, and what its gradient consists of.
+def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArray) -> None:
+    """What the gradient of SSIM of a tile's blocks consists of.
 
     Args:
         state, sought, extent: as `_compare` has them, the state as blended.
         terms: (3, 4, 16, 3) float32, written by colour and block: where a pixel is seen as x and the photo has y, the
-            gradient of SSIM times the block's pixels is terms[0] + terms[1] · x + terms[2] · y.
+            gradient of SSIM times the block's pixels is terms[0] + terms[1] · x + terms[2] · y; 0 where some of it is
+            not known.
     """
-    photo, gain, offset = sought.photo, np.float64(sought.exposure.gain), np.float64(sought.exposure.offset)
-    total, count = 0.0, 0
+    photo, backdrop = sought.photo, np.float64(sought.backdrop)
     terms[:] = _ZERO
     for top in range(0, extent.rows, BLOCK):
         for left in range(0, extent.columns, BLOCK):
@@ -255,7 +199,6 @@ def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArr
             for line in range(top, bottom):
                 for lane in range(left, right):
                     is_known &= not np.isnan(photo[extent.row + line, extent.column + lane, 0])
-                    is_known &= abs(state[line * ROW + lane]) <= sought.most_left
             if not is_known:
                 continue
             pixels = (bottom - top) * (right - left)
@@ -264,8 +207,7 @@ def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArr
                 for line in range(top, bottom):
                     start = line * ROW + (1 + channel) * _STRIDE
                     for lane in range(left, right):
-                        lit = abs(state[line * ROW + lane]) * np.float64(sought.exposure.backdrop)
-                        seen = gain * (np.float64(state[start + lane]) + lit) + offset
+                        seen = np.float64(state[start + lane]) + abs(state[line * ROW + lane]) * backdrop
                         wanted = np.float64(photo[extent.row + line, extent.column + lane, channel])
                         x, y = x + seen, y + wanted
                         xx, yy, xy = xx + seen * seen, yy + wanted * wanted, xy + seen * wanted
@@ -278,16 +220,11 @@ def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArr
                 block = terms[channel, top // BLOCK, left // BLOCK]
                 block[0] = _F(2 * (y * likeness - x * alike) / means - by_seen * x - by_wanted * y)
                 block[1], block[2] = _F(by_seen), _F(by_wanted)
-                total += alike * pixels
-                count += pixels
-    return total, np.float64(count)
 
 
 @compiled
-def _walk(splat: NDArray, in_front: bool, is_whole: bool, extent: Extent, state: NDArray, out: NDArray) -> None:
-    """Write the sums of a splat over a tile, of its share in front, of all of it behind that, or of both; visits the
-    pixels that `kernels_blend.blend_splat` visits.
-    """
+def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
+    """Write the sums of a splat over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
     log_opacity = splat[LOG_OPACITY]
     colour = splat[RED], splat[GREEN], splat[BLUE]
@@ -303,14 +240,7 @@ def _walk(splat: NDArray, in_front: bool, is_whole: bool, extent: Extent, state:
         for column in range(first, last + 1, LANES):
             at, u = start + _I(column), step + (alpha_x * (_F(column) + _HALF - x) + beta_x * dy)
             full = alphas(u, exponent)
-            alpha = cut(full)
-            if is_whole:
-                pulled, red, green, blue = _pass_by(state, at, alpha, colour)
-                if in_front:
-                    others = _pass_by(state, at + _FRONT, alpha * splat[LAST], colour)
-                    pulled, red, green, blue = pulled + others[0], red + others[1], green + others[2], blue + others[3]
-            else:
-                pulled, red, green, blue = _pass_by(state, at + _FRONT, alpha * splat[LAST], colour)
+            pulled, red, green, blue = _pass_by(state, at, cut(full), colour)
             pulled = where(full <= _ALPHA_MAX, pulled, _ZERO)
             along, across = pulled * u, pulled * w
             pull += pulled

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..system.kernels_compile import Number, compiled
-from .kernels_project import BOTTOM, DEPTH, LAST, LEFT, RIGHT, TOP
+from .kernels_project import BOTTOM, DEPTH, LEFT, RIGHT, TOP
 
 TILE_WIDTH, TILE_HEIGHT = 128, 32
 """Pixels: as large as a core's L2 cache likes."""
@@ -107,15 +107,12 @@ def list_by_tile(records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, k
         seen: the block's.
         tiles: which.
         ends: (tiles,) int64, where each list goes on; moved on.
-        keys: uint64: bits of the depth, which rise as depths do, above the pair's place; the first bit is set of what
-            comes behind everything else, whose share in front is negative.
+        keys: uint64: bits of the depth, which rise as depths do, above the pair's place.
         rows: (pairs,) int32, the record of every place.
     """
     for entry in range(seen.ids.size):
         reached, row = seen.boxes[entry], seen.ids[entry]
         depth = _I(_F(records[row, DEPTH]).view(np.uint32)) << _I(32)
-        if records[row, LAST] < _ZERO:
-            depth |= _I(1) << _I(63)
         for tile_row in range(*rows_of(reached, tiles)):
             for tile in range(*tiles_of(reached, tiles, tile_row)):
                 pair = ends[tile - tiles.first]

@@ -49,7 +49,6 @@ class ViewNumbers(NamedTuple):
         near_plane: scene units.
         width, height: pixels.
         focal: length, pixels.
-        log_share: logarithm of the share of their opacity that Gaussians are drawn with.
     """
 
     offset: Three
@@ -63,7 +62,6 @@ class ViewNumbers(NamedTuple):
     width: float
     height: float
     focal: float
-    log_share: float
 
 
 CHORD_PX = 16
@@ -107,7 +105,7 @@ def project(
     for chunk in range(len(sh)):
         start = _I(chunk) * _I(GEOMETRY * CHUNK)
         _shapes(geometry, start, view, work)
-        _fade(geometry, start, _F(view.log_share), work)
+        _fade(geometry, start, work)
         shown, is_wide = _bounds(geometry, start, view, work)
         wide += is_wide
         if shown + is_wide:
@@ -171,11 +169,11 @@ def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
 
 
 @compiled
-def _fade(geometry: NDArray, start: Number, log_share: Number, work: NDArray) -> None:
+def _fade(geometry: NDArray, start: Number, work: NDArray) -> None:
     """Opacities, from the shares of their squares that `_shapes` leaves in their place; no vector has a logarithm."""
     for lane in range(CHUNK):
         i = _I(lane)
-        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[OPACITY]] + log_share
+        share, log_opacity = work[i + P[LOG_OPACITY]], geometry[start + i + P[OPACITY]]
         work[i + P[LOG_OPACITY]] = log_opacity + _HALF * math.log(share) if share < _ONE else log_opacity
 
 

@@ -81,14 +81,13 @@ class SplatBuffers:
         """Make place for another frame's records where there are only those that may show."""
         self._used = 0
 
-    def project(self, chunks: Chunks, view: View, log_share: float, front: float) -> Visible:
+    def project(self, chunks: Chunks, view: View, front: float) -> Visible:
         """Fill a block's records, and list what of them is visible.
 
         Args:
             chunks: the block.
             view: the camera.
-            log_share: logarithm of the share of their opacity that its Gaussians are drawn with.
-            front: share of their alphas that is drawn before everything else.
+            front: share of its Gaussians' alphas that is drawn before everything else.
         """
         rows = kernels_project.CHUNK * len(chunks.sh)
         if self._found is None:
@@ -97,11 +96,11 @@ class SplatBuffers:
         else:
             first, gaussians = chunks.first, np.zeros(0, np.int32)
             records, ids, boxes = (array[first : first + rows] for array in (self.records, *self._found))
-        numbers, scratch = view_numbers(view, log_share), self._work.chunk
+        numbers, scratch = view_numbers(view), self._work.chunk
         count, wide = kernels_project.project(chunks.geometry, chunks.sh, numbers, scratch, records, gaussians)
         records = records[:count]
         if wide:
-            _redo_wide(chunks.block().fainter(log_share), view, records, gaussians)
+            _redo_wide(chunks.block(), view, records, gaussians)
         records[:, LAST] = front
         visible = _visible(records, first, ids, boxes, view)
         if self._found is None:
@@ -172,12 +171,12 @@ class _Workspace(threading.local):
         return np.empty((rows, RECORD), np.float32), np.empty(rows, np.int32), np.empty((rows, 4), np.int16)
 
 
-def view_numbers(view: View, log_share: float = 0.0) -> ViewNumbers:
-    """A view, and the share of opacities that is drawn, as `kernels_project.project` takes them."""
+def view_numbers(view: View) -> ViewNumbers:
+    """A view as `kernels_project.project` takes it."""
     camera, limits = view.camera, jacobian_limits(view)
     vectors = [view.offset, camera.K[:2, 2], *limits, *view.projection]
     numbers: list[Any] = [tuple(map(float, vector)) for vector in vectors]
-    numbers += map(float, (view.near_plane, camera.width, camera.height, camera.focal, log_share))
+    numbers += map(float, (view.near_plane, camera.width, camera.height, camera.focal))
     return ViewNumbers(*numbers)
 
 

@@ -6,10 +6,9 @@ floats. A block is sized so that its temporaries stay in a core's L2 cache while
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,6 @@ from ..gaussian.quaternions import normalize_quats, rotation_entries
 from ..scene.cameras import Camera
 
 BLOCK_SIZE = 16_384
-
-EVERY = 4
-"""Of a surface's coarse copy: one pixel of so many rows and columns, whose Gaussian is as many times as large."""
 
 ALPHA_MIN = 1 / 255
 """One 8-bit step: a Gaussian adds nothing to a pixel where its alpha is smaller, so its footprint ends there."""
@@ -68,32 +64,6 @@ class Block:
             own_pixels=own,
         )
 
-    def fainter(self, log_share: float) -> Block:
-        """The same with a share of their opacity."""
-        return replace(self, log_opacities=self.log_opacities + np.float32(log_share))
-
-
-class Shelf:
-    """What was made of numbered parts for a frame and may serve the next: no more than it has places for, the ones that
-    were wanted last.
-    """
-
-    def __init__(self, make: Callable[[int, int], Any], places: int) -> None:
-        """`make(part, place)` makes one; a place has one at a time."""
-        self._make, self._free = make, list(range(places))[::-1]
-        self._made: dict[int, tuple[int, Any]] = {}  # by part, those wanted last behind
-
-    def take(self, wanted: Sequence[int]) -> list[Any]:
-        """What is made of some parts, no more than there are places."""
-        for part in wanted:
-            if part in self._made:
-                self._made[part] = self._made.pop(part)
-        for part in wanted:
-            if part not in self._made:
-                place = self._free.pop() if self._free else self._made.pop(next(iter(self._made)))[0]
-                self._made[part] = place, self._make(part, place)
-        return [self._made[part][1] for part in wanted]
-
 
 def principal_axes(quats: NDArray, scales: NDArray) -> NDArray:
     """R(q)·diag(s) as (3, 3, n) planes of the inputs' dtype; Σ = axes·axesᵀ (Kerbl et al. 2023, eq. 6)."""
@@ -116,7 +86,6 @@ class Part:
         rows: their arrays by name, (n, …).
         origin: (3,) float64, of the Gaussians.
         photo: the view whose pixels they stand for; None where they are of no known photo.
-        is_coarse: whether they are of a surface's coarse copy.
     """
 
     view: int
@@ -124,7 +93,6 @@ class Part:
     rows: Mapping[str, NDArray]
     origin: NDArray
     photo: Camera | None
-    is_coarse: bool = False
 
     @property
     def size(self) -> int:
@@ -180,23 +148,6 @@ def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = Tru
         for view, photo in grids:
             arrays = {name: getattr(layer, name) if photo is None else getattr(layer, name)[view] for name in FIELDS}
             yield from _cut(view, layer is gaussians, arrays, gaussians.origin, photo if own_pixels else None)
-
-
-def coarse_parts(gaussians: Gaussians, *, own_pixels: bool = True) -> Iterator[Part]:
-    """Coarse copies of the surface of every view, in parts: every `EVERY`th pixel of every `EVERY`th row, from the
-    middle of the first such square on, with a Gaussian that is so many times as large and stands for so large a pixel.
-
-    Args:
-        gaussians: per pixel, with cameras.
-        own_pixels: say of what photo's pixels they are.
-    """
-    for view, camera in enumerate(gaussians.cameras):
-        arrays = {name: getattr(gaussians, name)[view, EVERY // 2 :: EVERY, EVERY // 2 :: EVERY] for name in FIELDS}
-        arrays["scales"] = EVERY * arrays["scales"]
-        K = camera.K / np.array([[EVERY], [EVERY], [1]])
-        photo = Camera(K, camera.c2w, -(-camera.width // EVERY), -(-camera.height // EVERY))
-        coarse = _cut(view, True, arrays, gaussians.origin, photo if own_pixels else None)
-        yield from (replace(part, is_coarse=True) for part in coarse)
 
 
 def _cut(

@@ -157,7 +157,7 @@ def project(
     rows = slice(first, first + keep.size)
     # turned over first, as numpy picks rows in half the time that it picks columns in
     np.ascontiguousarray(planes.T).take(keep, axis=0, out=splats.records[rows], mode="wrap")
-    splats.log_opacities[rows], splats.fronts[rows] = log_opacities.take(keep), max(front, 0.0)
+    splats.log_opacities[rows], splats.fronts[rows] = log_opacities.take(keep), front
     splats.depths[rows] = np.minimum(point[2].take(keep), LIMIT)
     left, right, top, bottom = (edges.take(keep) for edges in (left, right, top, bottom))
     splats.boxes[0, rows], splats.boxes[1, rows] = top // tile[1], bottom // tile[1]

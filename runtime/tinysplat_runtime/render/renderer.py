@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import threading
 from collections.abc import Callable, Sequence
+from functools import cache
 from numbers import Real
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypedDict
@@ -19,8 +19,8 @@ from ..scene.cameras import Camera
 from ..scene.viewpoints import corrected
 from ..system.threads import Crew, available_cores
 from .composite import Band, Canvas, Workspace, composite, tile_groups
-from .near import NearViews, Shares
-from .prepare import BLOCK_SIZE, Block, Part, Shelf, coarse_parts, parts
+from .near import NearViews
+from .prepare import Block, Part, parts
 from .project import Splats, View, may_show, parts_show, project
 from .tiles import MAX_PAIRS, TILE_HEIGHT, TILE_WIDTH, TileGrid, bands, depth_order, find_pairs, runs
 
@@ -54,13 +54,12 @@ NEAR_PLANE = 0.01
 class Renderer:
     """Renders one set of Gaussians from any number of cameras.
 
-    Holds what does not depend on the camera (planar coefficients, principal axes), about 110 bytes per Gaussian of SH
-    degree 0 and 290 of degree 3, but no more than `KEPT_BYTES`; of more Gaussians it is made for every frame, block by
-    block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds 70 bytes per
-    Gaussian of degree 0, and 80 for every one that shows; for one frame alone, nothing but the latter. Of a capture,
-    more than `near.FEW` views, that is the views that a frame is drawn from, and of those before as much as
-    `KEPT_BYTES` hold. Pictures do not depend on the number of threads, bit for bit. Frames asked for from several
-    threads at once are made one after the other.
+    Holds what does not depend on the camera (planar coefficients, principal axes), about 110 bytes per Gaussian of
+    SH degree 0 and 290 of degree 3, but no more than `KEPT_BYTES`; of more Gaussians it is made for every frame,
+    block by block. A frame's buffers take 60 bytes for every Gaussian that it shows. Compiled, it holds 70 bytes
+    per Gaussian of degree 0, and 80 for every one that shows; for one frame alone, nothing but the latter. Pictures
+    do not depend on the number of threads, bit for bit. Frames asked for from several threads at once are made one
+    after the other.
     """
 
     def __init__(
@@ -96,19 +95,14 @@ class Renderer:
         _check_choice("dilation", dilation, DILATIONS)
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
-        self._whole = Shares.by_depth(np.ones(max(len(gaussians.cameras), 1)))
+        self._none_first = np.zeros(max(len(gaussians.cameras), 1))
         by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
         cut = list(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
-        row_bytes = (180 if module else 56) + 4 * 3 * gaussians.sh.shape[-2]
-        needed = len(cut) if self._near is None else self._near.most * len(cut) // len(gaussians.cameras)
-        if self._near is not None and self._near.is_capture:
-            coarse = list(coarse_parts(gaussians, own_pixels=dilation == "own"))
-            cut, needed = cut + coarse, needed + self._near.around * len(coarse) // len(gaussians.cameras)
+        row_bytes = 56 + 4 * 3 * gaussians.sh.shape[-2]
         self._parts = cut
-        places = min(len(cut), max(needed, KEPT_BYTES // (row_bytes * BLOCK_SIZE)))
-        self._compiled = module.Rasteriser(cut, places if keep else 0, self._run) if module else None
-        keeps = keep and not module and sum(part.size for part in cut[:needed]) * row_bytes <= KEPT_BYTES
-        self._shelf = Shelf(lambda number, _: cut[number].block(), places) if keeps else None
+        self._compiled = module.Rasteriser(cut, keep, self._run) if module else None
+        self._keeps = keep and not module and sum(part.size for part in cut) * row_bytes <= KEPT_BYTES
+        self._block = cache(lambda number: cut[number].block())
         self._splats = Splats(0)
         self._work = Workspace()
         self._lock = threading.Lock()
@@ -148,15 +142,15 @@ class Renderer:
         return images["rgb"] if outputs == ("rgb",) else images
 
     def _draw(self, view: View, with_depth: bool) -> Canvas:
-        shares = self._whole if self._near is None else self._near.shares(view.camera)
-        drawn = [n for n, cut in enumerate(self._parts) if shares.shows(cut.view, cut.is_coarse)]
+        shares = self._none_first if self._near is None else self._near.shares(view.camera)
+        drawn = list(range(len(self._parts)))
         if len(drawn) >= MANY_PARTS:
-            shows = parts_show([self._parts[n] for n in drawn], view)
+            shows = parts_show(self._parts, view)
             drawn = [n for n, does in zip(drawn, shows, strict=True) if does] or drawn[:1]
         if self._compiled is not None:
             canvas: Canvas = self._compiled.draw(drawn, view, shares, with_depth)
             return canvas
-        cuts: list[Part | Block] = self._shelf.take(drawn) if self._shelf else [self._parts[n] for n in drawn]
+        cuts: list[Part | Block] = [self._block(n) if self._keeps else self._parts[n] for n in drawn]
         ends = np.cumsum([0, *(cut.size for cut in cuts)])  # of a stripe that nothing reaches, there are none
         if self._splats.count < ends[-1]:
             self._splats = Splats(int(ends[-1]))
@@ -171,35 +165,29 @@ class Renderer:
             else:  # picking rows costs about as much as projecting a few more
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
             of = self._parts[number]
-            whole, front = shares.of(of.view, of.is_surface, of.is_coarse)
-            block = block if whole == 0 else block.fainter(whole)
+            front = float(shares[of.view]) if of.is_surface else 0.0
             return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
 
         ids = self._run(project_part, list(zip(drawn, cuts, ends[:-1].tolist(), strict=True)))
-        is_coarse = [self._parts[n].is_coarse for n in drawn]
-        whole, behind = (
-            _in_order(splats, list(itertools.compress(ids, chosen)))
-            for chosen in (np.logical_not(is_coarse), is_coarse)
-        )
-        pairs = sum(int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64)) for _, boxes in (whole, behind))
+        order, boxes = _in_order(splats, ids)
+        pairs = int(((boxes[1] - boxes[0] + 1) * boxes[2]).sum(dtype=np.int64))
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
 
         def draw_band(place: tuple[int, TileGrid]) -> None:
-            band = Band(*place, with_depth, shares.has_front)
-            self._composite(band, *whole)
-            if behind[0].size:
-                self._composite(band, *behind, band.close())
+            band = Band(*place, with_depth, bool(shares.any()))
+            self._composite(band, order, boxes)
             band.write(canvas)
 
         self._run(draw_band, bands(view.camera.width, view.camera.height, pairs))
         return canvas
 
-    def _composite(self, band: Band, order: NDArray, boxes: NDArray, open_tiles: NDArray | None = None) -> None:
-        """Draw what of `order` reaches a band, or of it these tiles."""
+    def _composite(self, band: Band, order: NDArray, boxes: NDArray) -> None:
+        """Draw what of `order` reaches a band."""
         first, last = band.first_row, band.first_row + band.grid.rows - 1
         here = np.flatnonzero((boxes[0] <= last) & (boxes[1] >= first))
         top, bottom, columns = boxes.take(here, axis=1)
         areas = (np.minimum(bottom, last) - np.maximum(top, first) + 1) * columns
+        open_tiles = None
         for run in runs(areas, MAX_PAIRS):
             if open_tiles is not None and not open_tiles.any():
                 return
@@ -243,8 +231,8 @@ def render(
         size: (H, W) to render at instead of the camera's, which is scaled to cover it and cropped.
         dilation: "own" widens a splat by the photo's pixel that it stands for, so that surfaces stay closed from
             however near, and from afar hide no more than they should; "screen" by 0.3 px² of the picture's.
-        order: "near" draws the surfaces of near views before everything else, and of more than six views the nearest
-            four alone (`near.py` says how much of which); "depth" all Gaussians by depth.
+        order: "near" draws the surfaces of near views before everything else (`near.py` says how much of which);
+            "depth" all Gaussians by depth.
         threads: how many to use, None for one per available core; the picture is the same, bit for bit.
         outputs: any of "rgb", "depth", "alpha".
         background: (3,) colour behind the Gaussians.

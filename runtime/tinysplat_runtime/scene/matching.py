@@ -20,8 +20,8 @@ def reach_of(cameras: Sequence[Camera]) -> float:
     return float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
 
 
-def taken_as(view: Camera, scene: Scene, reach: float) -> tuple[int | None, int, float]:
-    """The photo that a view was taken as, or None; the one that stands nearest, and how far away in scene units.
+def taken_as(view: Camera, scene: Scene, reach: float) -> int | None:
+    """The photo that a view was taken as, if any.
 
     Args:
         view: whose pose is looked for.
@@ -30,6 +30,5 @@ def taken_as(view: Camera, scene: Scene, reach: float) -> tuple[int | None, int,
     """
     away = [float(np.linalg.norm(frame.camera.centre - view.centre)) for frame in scene.frames]
     turned = [float(np.abs(frame.camera.rotation - view.rotation).max()) for frame in scene.frames]
-    nearest = int(np.argmin(away))
     fits = [i for i in range(len(away)) if away[i] <= SAME_PLACE * reach and turned[i] <= SAME_PLACE]
-    return min(fits, key=away.__getitem__, default=None), nearest, away[nearest]
+    return min(fits, key=away.__getitem__, default=None)

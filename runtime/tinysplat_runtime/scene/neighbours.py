@@ -29,7 +29,7 @@ GROUP = 4
 """Photos that a network is given at a time: of more, the farther ones make surfaces worse, and all of them slower."""
 
 NEAR = 4
-"""Views that a picture is drawn from; of more, those farther away make it worse."""
+"""Views that a stripe of a capture is drawn from (`codec/depth_step/`)."""
 
 CANDIDATES = 12
 """Nearest photos of each that are looked at."""

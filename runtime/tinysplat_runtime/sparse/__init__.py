@@ -1,5 +1,12 @@
 """A capture as few Gaussians that any viewer draws: drawn from its pixels, and trained until they show its photos."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..scene.scenes import Scene
+
 LEAST_GAUSSIANS, MOST_GAUSSIANS = 2_000, 500_000
 """How many a list begins with where nobody says: as many as its photos have detail (`start.Surface`), within these."""
 
@@ -32,3 +39,12 @@ def usual_steps(photos: int, texture: float = PLAIN) -> int:
 
 DEFAULT_SECONDS = 1_800.0
 """For how long steps may go on, where nobody said."""
+
+
+def for_network(scene: Scene) -> Scene:
+    """A scene's photos at the size that a network makes a list's first Gaussians of."""
+    camera = scene.cameras[0]
+    share = NETWORK_SIDE / min(camera.height, camera.width)
+    if min(camera.height, camera.width) <= MOST_SIDE:
+        return scene
+    return scene.resized(round(share * camera.height), round(share * camera.width))

@@ -1,7 +1,7 @@
 """Which pixels of a capture become Gaussians: by what they show at first, later by what is still wrong there.
 
 A capture has a Gaussian for every pixel of every photo. Some of them, larger, are enough: few where a photo is plain,
-many where it has texture. `gaussian/thin.py` says which of several photos shows a surface, and which see past it.
+many where it has texture. `kept.py` says which of several photos shows a surface, and which see past it.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians, joined
 from ..gaussian.sh import resized_sh
-from ..gaussian.thin import opacities_kept
 from . import FEW_PHOTOS, LEAST_GAUSSIANS, MOST_GAUSSIANS
 from .contrast import contrast
+from .kept import opacities_kept
 from .settings import Settings
 
 COARSE_SIZE = 1.7
@@ -59,13 +59,13 @@ class Surface:
         Every surface counts once, in the view that shows it finest, and by the root of its contrast there: an edge
         needs Gaussians along it, and what lies beside it few. `run_jobs` maps a function over a list, on any threads.
         """
-        kept = opacities_kept(capture, run_jobs, shown=1)
+        kept = opacities_kept(capture, run_jobs)
         shape, finer = kept[0].shape[1:], photos[0][..., 0].size / kept[0][0].size
         contrasts = np.stack([_of_size(contrast(photo)[..., None], *shape)[..., 0] for photo in photos])
         weights = [np.maximum(kept[0], 0) * (1 + settings.texture * contrasts)]
         weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
         if not any(weight.any() for weight in weights):
-            weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept by `thin`
+            weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept
         roots = np.sqrt(contrasts[weights[0] > 0])
         alone, least = roots.size / weights[0].size, 0 if len(photos) <= FEW_PHOTOS else 1
         finer *= min(max(1 / math.sqrt(settings.overlap * alone), least), MOST_DETAIL)

@@ -22,10 +22,10 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians, joined
 from ..prune.kernels import COST
 from ..prune.pictures import Pictures
-from ..refine.coarse import halved_target
 from ..refine.descent import Descent, units
 from ..refine.exposed import log_gain
 from ..refine.free import FreeGaussians
+from ..refine.photos import halved_target
 from ..render import DEFINITION, Renderer
 from ..render.gradient import Target
 from ..render.prepare import ALPHA_MIN

@@ -51,7 +51,7 @@ const MODES = {
  * @property {Mode} mode
  * @property {number} viewCount of the whole file; of a list, cameras of the photos that it was made from
  * @property {import("./table.js").Table} table pictures
- * @property {number[]} views numbers of those that are wanted and at hand
+ * @property {number[]} views numbers of those that are wanted
  * @property {Camera[]} cameras of these views
  * @property {Camera[]} places cameras of all views; of a list, of its photos
  * @property {Layer[]} layers of these views
@@ -69,9 +69,7 @@ const MODES = {
  * @typedef {object} Reading
  * @property {Limits} limits
  * @property {boolean} isPrefix whether it may end early
- * @property {boolean} recovers whether views with a damaged table are left out
  * @property {number[]} [views] that are wanted; all if none are given
- * @property {Map<number, Uint8Array>} [fetched] parts by view, where `bytes` end before them
  */
 
 /**
@@ -106,9 +104,8 @@ export function readContainer(bytes, reading) {
   scene.require(viewCount >= (isList ? 0 : 1) && viewCount <= MAX_VIEWS, `${viewCount} views, accepted are 1 to ${MAX_VIEWS}`);
   const places = viewCount ? readCameras(cursor(only(sections, "CAMS")), viewCount) : [];
   const wanted = chosenViews(mode, viewCount, reading.views);
-  const table = readPictures(sections, mode === "gaussians" ? wanted : undefined, reading);
+  const table = readPictures(sections, mode === "gaussians" ? wanted : undefined);
   scene.require(table.count === (isList ? 1 : viewCount), `pictures of ${table.count} views of ${viewCount}`);
-  require(mode === "gaussians" || !table.parts.length, `parts by view in a file of mode ${mode}`, "PICT[0]");
   for (const channel of table.rows) {
     const belongs = MODES[mode].classes.includes(channel.planeClass) && channel.layer < Math.max(count, 1);
     require(belongs, `a row ${channelName(channel)} of layer ${channel.layer} in a file of mode ${mode}`, "PICT[0]");
@@ -123,9 +120,7 @@ export function readContainer(bytes, reading) {
   };
   if (isList) file.list = readList(file, count, limits);
   else readViews(file, count, limits);
-  let atHand = bytes.length;
-  reading.fetched?.forEach((part) => (atHand += part.length));
-  require(isWorth(file, atHand, limits), `more than ${limits.maxPerByte} Gaussians for each of its ${atHand} bytes`, "file");
+  require(isWorth(file, bytes.length, limits), `more than ${limits.maxPerByte} Gaussians for each of its ${bytes.length} bytes`, "file");
   return file;
 }
 

@@ -35,7 +35,7 @@ export class Pictures {
     this.recovers = recovers;
     this.known = known;
     /** Names of the pictures that are not at hand. @type {string[]} */
-    this.missing = [...file.table.lost];
+    this.missing = [];
     /** Called with every picture that is decoded. @type {((name: string) => void) | undefined} */
     this.tell = undefined;
   }
@@ -182,8 +182,7 @@ async function decodeLossless(file, pause) {
 
 /** Refuse a file none of whose views of layer 0 has its depth. @param {Pictures} pictures */
 function requireDepth(pictures) {
-  const { views, layers: [layer] } = pictures.file;
-  require(views.length > 0, "holds no view", "file");
+  const { layers: [layer] } = pictures.file;
   const channel = layer.channels[hidingRecord(layer)];
   const isThere = !channel?.isCoded || channel.streams.some((stream) => pictures.has(stream));
   require(isThere, "holds no intact depth picture", "file");

@@ -1,7 +1,7 @@
 /** Mode lossless: docs/FORMAT.md, "Exact planes". */
 import { widened } from "./cursor.js";
 import { TsplatError, require } from "./errors.js";
-import { chunksOf } from "./ranges.js";
+import { chunksOf } from "./chunks.js";
 import { Synthesis } from "./synthesis.js";
 import { intact } from "./table.js";
 

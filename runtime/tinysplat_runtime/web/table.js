@@ -44,9 +44,7 @@ const STREAM_BYTES = 8;
  * @typedef {object} Table
  * @property {Channel[]} rows in the order of their bytes
  * @property {number} count views of the file
- * @property {number[]} views whose pictures these are: those that are wanted and at hand
- * @property {{ start: number, length: number }[]} parts where each view's bytes lie, if they are in parts by view
- * @property {string[]} lost names of views that are left out as their tables are damaged
+ * @property {number[]} views whose pictures these are
  */
 
 /** @param {Pick<Channel, "planeClass" | "target">} channel */
@@ -59,44 +57,22 @@ export function channelName(channel) {
  *
  * @param {Section[]} sections
  * @param {number[] | undefined} wanted all where none are given
- * @param {import("./container.js").Reading} reading
  * @returns {Table}
  */
-export function readPictures(sections, wanted, { recovers, fetched }) {
+export function readPictures(sections, wanted) {
   const [fields, data] = [cursor(only(sections, "PICT")), only(sections, "DATA")];
   const [rowCount, count, order] = [fields.u16(), fields.u16(), fields.u16()];
   fields.require(count >= 1 && count <= MAX_VIEWS, `${count} views, accepted are 1 to ${MAX_VIEWS}`);
-  fields.require(order <= 1, `order ${order} is unknown`);
+  fields.require(order === 0, `order ${order} is unknown`);
   const rows = Array.from({ length: rowCount }, () => readRow(fields));
   const coded = rows.filter((channel) => channel.isCoded);
   const views = wanted ?? Array.from({ length: count }, (_, view) => view);
-  const streams = readStreams(fields, order ? count : count * coded.length, data.data, data.start);
+  const streams = readStreams(fields, count * coded.length, data.data, data.start);
   fields.finish();
   const total = streams.reduce((sum, { length }) => sum + length, 0);
   require(total === data.length, `${data.length} bytes, its pictures need ${total}`, "DATA[0]");
-  if (!order) {
-    coded.forEach((channel, i) => (channel.streams = views.map((view) => streams[i * count + view])));
-    return { rows, count, views, parts: [], lost: [] };
-  }
-  const parts = streams.map(({ end, length }) => ({ start: end - length, length }));
-  const [atHand, lost, tableBytes] = [/** @type {number[]} */ ([]), /** @type {string[]} */ ([]), STREAM_BYTES * coded.length];
-  for (const view of views) {
-    const [part, { start, length }, where] = [fetched?.get(view) ?? streams[view].data, parts[view], `view ${view}`];
-    require(length >= tableBytes, `${length} bytes, its table has ${tableBytes}`, where);
-    if (part.length < tableBytes) continue;
-    const table = part.subarray(0, tableBytes);
-    if (crc32(table) !== streams[view].crc) {
-      require(recovers, "CRC of its table differs: the bytes were altered", where);
-      lost.push(where);
-      continue;
-    }
-    const own = readStreams(new Cursor(table, where), coded.length, part.subarray(tableBytes), start + tableBytes);
-    const needed = own.reduce((sum, stream) => sum + stream.length, tableBytes);
-    require(needed === length, `${length} bytes, its table and pictures have ${needed}`, where);
-    coded.forEach((channel, i) => channel.streams.push(own[i]));
-    atHand.push(view);
-  }
-  return { rows, count, views: atHand, parts, lost };
+  coded.forEach((channel, i) => (channel.streams = views.map((view) => streams[i * count + view])));
+  return { rows, count, views };
 }
 
 /** @param {Cursor} fields @returns {Channel} */

@@ -130,16 +130,6 @@ export function decodeStream(
   options?: Options,
 ): AsyncGenerator<Scene & { received: number }>;
 
-/**
- * Decode some views of a file that is elsewhere: of one in parts by view, only header, metadata and these views
- * are read. `source` is an address, whose server is asked for ranges, or a function that gives bytes.
- */
-export function decodeViews(
-  source: string | URL | ((offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>),
-  views: number[],
-  options?: Options,
-): Promise<Scene>;
-
 /** What a file holds, from its metadata alone. */
 export function inspect(
   bytes: ArrayBuffer | ArrayBufferView,
@@ -159,8 +149,6 @@ export function inspect(
   count?: number;
   degree: number;
   sections: { name: string; offset: number; bytes: number }[];
-  /** Where each view's bytes lie, of a file in parts by view; those of others are none. */
-  parts: { start: number; length: number }[];
   /** Prefixes, in bytes, behind which the picture is better than before. */
   steps: number[];
 };

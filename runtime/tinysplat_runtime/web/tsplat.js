@@ -9,7 +9,7 @@ import { LIMITS, isWorth, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
 import { TsplatError, require } from "./errors.js";
-import { chunksOf, rangesOf } from "./ranges.js";
+import { chunksOf } from "./chunks.js";
 import { label, neededBytes } from "./sections.js";
 import { COLOR, ROTATION, channelName, channelsOf } from "./table.js";
 
@@ -44,8 +44,8 @@ export async function decode(bytes, options = {}) {
  * @param {boolean} isPrefix
  * @returns {import("./container.js").Reading}
  */
-function reading({ limits, recover = false, views }, isPrefix) {
-  return { limits: { ...LIMITS, ...limits }, isPrefix, recovers: recover, views };
+function reading({ limits, views }, isPrefix) {
+  return { limits: { ...LIMITS, ...limits }, isPrefix, views };
 }
 
 /**
@@ -75,38 +75,6 @@ async function decodeContainer(file, options, known) {
   }
 }
 
-/**
- * Decode some views of a file that is elsewhere, of which only header, metadata and these views are read (FORMAT.md,
- * "Parts by view"); a file that is in one part is read whole.
- *
- * @param {string | URL | ((offset: number, length: number) => Promise<ArrayBuffer | ArrayBufferView>)} source an address, or what
- *   gives bytes of the file
- * @param {number[]} views
- * @param {Options} [options]
- * @returns {Promise<Scene>}
- */
-export async function decodeViews(source, views, options = {}) {
-  const read = typeof source === "function" ? source : rangesOf(source, options.signal);
-  /** @param {number} offset @param {number} length */
-  const get = async (offset, length) => {
-    require(length <= reading(options, true).limits.maxMemory, `${length} bytes of metadata or of a view`, "file", offset);
-    const bytes = bytesOf(await read(offset, length));
-    require(bytes.length === length, `${bytes.length} bytes where ${length} were asked for`, "file", offset);
-    options.signal?.throwIfAborted();
-    return bytes;
-  };
-  let metadata = bytesOf(new ArrayBuffer(0));
-  for (let needed; (needed = neededBytes(metadata)) > metadata.length; ) metadata = await get(0, needed);
-  const outline = reading({ ...options, limits: { ...options.limits, maxPerByte: Infinity } }, true);
-  const { table: { parts }, total } = readContainer(metadata, { ...outline, views: undefined });
-  /** @type {Map<number, Uint8Array>} */
-  const fetched = new Map();
-  for (const view of views) if (parts[view]) fetched.set(view, await get(parts[view].start, parts[view].length));
-  const bytes = parts.length ? metadata : await get(0, total);
-  const file = readContainer(bytes, { ...reading(options, true), views, fetched });
-  return decodeContainer(file, options, undefined);
-}
-
 /** Passes of a class's first rows and of the others, and how many are first: FORMAT.md, section 1. */
 const PASSES = [[0, 2, 1], [0, 3, 3], [1, 1, 1], [1, 1, 3], [2, 2, 4], [2, 2, 2]];
 
@@ -116,7 +84,6 @@ const PASSES = [[0, 2, 1], [0, 3, 3], [1, 1, 1], [1, 1, 3], [2, 2, 4], [2, 2, 2]
  * @param {Container} file
  */
 function stepsOf({ table, mode, total }) {
-  if (table.parts.length) return table.parts.map(({ start, length }) => start + length);
   const steps = [];
   /** @type {Map<string, number>} */
   const counts = new Map();
@@ -286,7 +253,6 @@ export function inspect(bytes, limits = {}) {
     count: list ? list.count : grids.length ? counted : undefined,
     degree: list ? list.degree : Math.max(0, ...layers.map((layer) => layer.degree)),
     sections: file.sections.map((section) => ({ name: label(section), offset: section.start, bytes: section.length })),
-    parts: table.parts,
     steps: stepsOf(file),
   };
 }

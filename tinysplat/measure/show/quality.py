@@ -58,18 +58,12 @@ def _seconds(stages: Sequence[str], rows: Sequence[Row], write: Callable[[Any], 
     return mean("all", write, "costs")(sums)
 
 
-def _before(rows: Sequence[Row]) -> str:
-    refined = [replace(row, figures=row.figures["refined"]) for row in rows if row.figures.get("refined")]
-    return mean("psnr_before", decibels)(refined)
-
-
 _COLUMNS: dict[str, Cell] = {
     "windows": _windows,
     "photo dB": mean("psnr_photo", decibels),
     "raw dB": mean("psnr_raw", decibels),
     "coded dB": mean("psnr", decibels),
     "fitted dB": mean("fitted", decibels),
-    "dB before refinement": _before,
     "covered photo dB": mean("psnr_photo_covered", decibels),
     "covered raw dB": mean("psnr_raw_covered", decibels),
     "covered dB": mean("psnr_covered", decibels),

@@ -1,17 +1,15 @@
 """Are depths where photos agree that they are? Corners that three photos or more of a capture show alike, held against
-the depth that the network, and refinement after it, gives at their pixels; no photo needs to be left out.
+the depth that the network gives at their pixels; no photo needs to be left out.
 
-Ways: `network`, what `encode --no-refine` codes; `refined`, the same corrected by the photos, where numba is installed.
+The way `network` is what `encode --fast` codes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib.util import find_spec
 
 import numpy as np
 
-from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.evenly import evenly
 
@@ -37,17 +35,12 @@ def _scene_rows(name: str, scene: Scene, run: Run) -> Iterator[Row]:
     for count in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
         given = found_for(scene.views(evenly(len(scene.frames), count)))
         agreed = agreed_corners(given)
-        gaussians = run.runtime.predict(given, run.model)
-        made = {"network": gaussians}
-        if len(given.frames) > FEW and find_spec("numba") is not None:
-            made["refined"] = run.runtime.refine(gaussians, given)
-        for way, gaussians in made.items():
-            errors, off = corner_errors(agreed, gaussians)
-            setting = {"photos": len(given.frames), "model": run.model}
-            figures: dict[str, float] = {"corners": len(errors)}
-            if len(errors):
-                figures |= {"depth": float(np.median(errors)), "off": float(np.mean(off > LANDS * min(run.size)))}
-            yield Row(STUDY, name, way, setting, figures)
+        errors, off = corner_errors(agreed, run.runtime.predict(given, run.model))
+        setting = {"photos": len(given.frames), "model": run.model}
+        figures: dict[str, float] = {"corners": len(errors)}
+        if len(errors):
+            figures |= {"depth": float(np.median(errors)), "off": float(np.mean(off > LANDS * min(run.size)))}
+        yield Row(STUDY, name, "network", setting, figures)
 
 
 _FIGURES = {

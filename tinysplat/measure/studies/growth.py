@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -158,8 +157,6 @@ def encode_capture(folder: str, count: str, height: str, width: str, model: str,
 
     def work() -> dict[str, int]:
         gaussians = runtime.predict(scene, model)
-        if find_spec("numba"):
-            gaussians = runtime.refine(gaussians, scene)
         return {"bytes": len(runtime.compress(gaussians, drop_invalid=True))}
 
     return work

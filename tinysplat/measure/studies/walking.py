@@ -1,13 +1,12 @@
 """What is a whole capture worth, and each step that it takes? Every fourth photo is left out and drawn from the others.
 
 Ways: `network alone`, so many of the others spread over the capture in one scene, near and far as found from them;
-`walk`, the same once all photos agree on depth; `refined walk`, the same corrected by these photos in as many steps as
-are usual; of 24 photos `list`, in place of that few Gaussians for any viewer; the latter three where numba is
-installed. `own pair` is, for every picture, a scene of the two photos taken nearest to it, and `nearest photo` that one
-itself, shown in its place. A walk is coded, and its pictures are drawn from the file too; of 24 photos it is also coded
-more and less finely. With `--drawn`, pictures are drawn and judged at another size than photos are given at: that of a
-screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is the largest change between frames,
-in medians of the changes about it.
+`walk`, the same once all photos agree on depth, as `encode --fast` codes it; of 24 photos `list`, as `encode` makes it;
+the latter two where numba is installed. `own pair` is, for every picture, a scene of the two photos taken nearest to
+it, and `nearest photo` that one itself, shown in its place. A walk is coded, and its pictures are drawn from the file
+too; of 24 photos it is also coded more and less finely. With `--drawn`, pictures are drawn and judged at another size
+than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is
+the largest change between frames, in medians of the changes about it.
 
 `walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
 """
@@ -45,7 +44,7 @@ from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
 
 STUDY, SPARED = "walk", "walk spared"
-ALONE, LISTED, REFINED = "network alone", "list", "refined walk"
+ALONE, LISTED = "network alone", "list"
 TRAINER = "OpenSplat"
 """The way of rows by `checks/opensplat.py`, which trains on the same photos."""
 
@@ -101,15 +100,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         steps = [(STUDY, gaussians, cpu)]
         if has_steps and is_compared:
             steps.insert(0, (ALONE, *cpu_of(lambda: runtime.predict(given, model, joint=False))))
-        if has_steps and is_compared:
-            from tinysplat_runtime.sparse.pictures import photos_of
-
-            sought = photos_of(gaussians, given)
-            listed, more = cpu_of(lambda: sparse(gaussians, sought, None, None, runtime, NOBODY))
-            steps.append((LISTED, listed, cpu + more))
-        if has_steps:
-            refined, more = cpu_of(lambda: runtime.refine(gaussians, given))
-            steps.append((REFINED, refined, cpu + more))
+            listed, more = cpu_of(lambda: sparse(gaussians, given, None, None, runtime, NOBODY))
+            steps.insert(0, (LISTED, listed, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
             done, data = coded(known, gaussians, LIST_QP if way == LISTED else None)
@@ -178,7 +170,7 @@ def flicker(gaussians: Gaussians, threads: int) -> float:
 def _named(rows: Sequence[Row]) -> str:
     """The way, and of a walk how many photos were asked for."""
     row = rows[0]
-    name = f"{row.way}, {row.setting['asked']}" if row.way.startswith((ALONE, STUDY, LISTED, REFINED)) else row.way
+    name = f"{row.way}, {row.setting['asked']}" if row.way.startswith((ALONE, STUDY, LISTED)) else row.way
     return f"{name}, drawn at {row.setting['drawn']}" if "drawn" in row.setting else name
 
 
@@ -198,13 +190,11 @@ def _coded(name: str) -> str:
     return "coded" if name == "psnr" else f"coded_{name}"
 
 
-_IN_SHORT = {
-    REFINED: "as `encode` does it",
-    STUDY: "with `--no-refine`",
-    LISTED: "with `--mode list`",
-    "nearest photo": "the nearest photo",
-}
+_IN_SHORT = {LISTED: "as `encode` does it", STUDY: "with `--fast`", "nearest photo": "the nearest photo"}
 """Ways of our own that README shows, of as many photos as the others are compared with."""
+
+_SHOWN = (ALONE, *_IN_SHORT, "own pair", TRAINER)
+"""Ways that tables show; files of other qualities, and ways that are gone, have rows too."""
 
 _JUDGED = {
     "SSIM": _of_file("ssim", digits(3)),
@@ -229,16 +219,11 @@ _COLUMNS = {
     **_JUDGED,
 }
 
-_STEPS = {
-    ALONE: "the network",
-    STUDY: "and photos agree on depth",
-    LISTED: "and one list of it, trained",
-    REFINED: "or corrected by photos",
-}
+_STEPS = {ALONE: "the network", STUDY: "and photos agree on depth", LISTED: "and one list of it, trained"}
 
 
 def _is_step(row: Row) -> bool:
-    return row.setting["asked"] == str(COMPARED) and row.way.startswith((*_STEPS, f"{REFINED}, "))
+    return row.setting["asked"] == str(COMPARED) and row.way.startswith((*_STEPS, f"{STUDY}, "))
 
 
 def _step(rows: Sequence[Row]) -> str:
@@ -249,7 +234,7 @@ def _step(rows: Sequence[Row]) -> str:
 def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
     """dB at photos left out over the seconds of each step, and over the bytes of files of several qualities."""
     ways = {way: group for (way,), group in grouped(list(filter(_is_step, of_study(rows, STUDY))), "way").items()}
-    if not {LISTED, REFINED} <= set(ways):
+    if not {LISTED, STUDY} <= set(ways):
         return False
     steps, qualities, listed = [], [], []
     for way, group in ways.items():
@@ -259,11 +244,11 @@ def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
             listed = [(cpu, level), (size / 1000, level)]
         elif way in _STEPS:
             steps.append((cpu, level))
-        if way.startswith(REFINED):
+        if way.startswith(STUDY):
             qualities.append((size / 1000, level))
     label, one = "dB at photos left out", "one list, trained"
-    by_cpu = {"network, depth, correction": sorted(steps), one: listed[:1]}
-    by_size = {"Q_g 12, 6, 0, −6": sorted(qualities), one: listed[1:]}
+    by_cpu = {"network, depth": sorted(steps), one: listed[:1]}
+    by_size = {"planes": sorted(qualities), one: listed[1:]}
     panels = [Panel("each step", "processor seconds", label, by_cpu), Panel("each file", "KB", label, by_size)]
     save_panels(path, panels)
     return True
@@ -277,7 +262,7 @@ WALK = Study(
             STUDY,
             {"": _named, **_COLUMNS, "flicker": mean("flicker", digits(1))},
             by=("way", "asked", "drawn"),
-            wanted=lambda row: ", Q_g" not in row.way,
+            wanted=lambda row: row.way in _SHOWN,
         ),
         f"{STUDY} steps": Listing(
             STUDY,
@@ -311,7 +296,7 @@ WALK = Study(
         f"{STUDY} scenes": Listing(
             STUDY,
             {"scene": said("subject"), **_COLUMNS, "CPU s": mean("cpu", digits(0), "costs")},
-            wanted=lambda row: row.way in (ALONE, STUDY, LISTED, REFINED, TRAINER),
+            wanted=lambda row: row.way in (ALONE, STUDY, LISTED, TRAINER),
         ),
         f"{STUDY} in short": Listing(
             STUDY,

@@ -20,10 +20,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ...container.planes import MOST_TOGETHER
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.sh import C0, sh_basis
 from ...render import DEFINITION, Renderer, between
+from ...render.near import FEW
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...scene.neighbours import NEAR, nearest_views
@@ -181,7 +181,7 @@ def _stripes(cameras: Sequence[Camera], count: int, depth: float) -> list[_Strip
         K = camera.K.copy()
         K[1, 2] -= first
         views: Sequence[int] = range(len(cameras))
-        if len(cameras) > MOST_TOGETHER:
+        if len(cameras) > FEW:
             views = nearest_views(cameras, camera, depth, NEAR)
         stripes.append(_Stripe(Camera(K, camera.c2w, camera.width, rows), first, camera.height, views))
     return stripes

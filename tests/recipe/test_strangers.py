@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,24 +12,22 @@ from scenes import make_cameras
 pytest.importorskip("numba")
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.refine.strangers import likeness, strangers
-from tinysplat_runtime.render.gradient import MovableGaussians, Target
-from tinysplat_runtime.system.threads import Crew
+from tinysplat_runtime.recipe.strangers import likeness, strangers
+from tinysplat_runtime.scene.pictures import write_png
+from tinysplat_runtime.scene.scenes import Frame, Scene
 
 VIEWS, HEIGHT, WIDTH = 9, 40, 48
 
 
-def photographed(photos: np.ndarray, cameras: list[ts.Camera]) -> tuple[MovableGaussians, list[Target]]:
-    """Photos (V, H, W, 3) of a wall at a depth of 3, and what a network makes of them: each on its own pixels."""
+def predicted(photos: np.ndarray, cameras: list[ts.Camera]) -> ts.Gaussians:
+    """What a network makes of photos (V, H, W, 3) of a wall at a depth of 3: each on its own pixels."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cameras[0].K).T
     means = np.stack([camera.centre + 3 * rays @ camera.rotation.T for camera in cameras])
     lead = means.shape[:3]
     quats, scales = np.broadcast_to([1.0, 0, 0, 0], (*lead, 4)), np.full((*lead, 3), 0.04)
     sh = ((photos - 0.5) / 0.2820948)[..., None, :]
-    gaussians = ts.Gaussians(means, quats, scales, np.full(lead, 0.8), sh, tuple(cameras))
-    targets = [Target(camera, photo.astype(np.float32)) for camera, photo in zip(cameras, photos, strict=True)]
-    return MovableGaussians(gaussians, Crew(1).map), targets
+    return ts.Gaussians(means, quats, scales, np.full(lead, 0.8), sh, tuple(cameras))
 
 
 @pytest.fixture(scope="module")
@@ -42,30 +41,32 @@ def wall() -> tuple[np.ndarray, list[ts.Camera]]:
     return 0.5 + 0.35 * waves, cameras
 
 
-def found(photos: np.ndarray, cameras: list[ts.Camera]) -> tuple[int, ...]:
-    return strangers(*photographed(photos, cameras))
+def found(photos: np.ndarray, cameras: list[ts.Camera], folder: Path) -> tuple[int, ...]:
+    frames = []
+    for view, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
+        write_png(folder / f"{view}.png", photo)
+        frames.append(Frame(camera, folder / f"{view}.png"))
+    return strangers(predicted(photos, cameras), Scene(folder, tuple(frames), 1.0, 9.0), 1)
 
 
 @pytest.mark.parametrize("strange", [{4}, {0}, {3, 4}, {2, 6}])
-def test_strangers_are_found(wall: tuple[np.ndarray, list[ts.Camera]], strange: set[int]) -> None:
+def test_strangers_are_found(wall: tuple[np.ndarray, list[ts.Camera]], strange: set[int], tmp_path: Path) -> None:
     photos, cameras = wall[0].copy(), wall[1]
     other = (
         np.random.default_rng(0).uniform(size=(VIEWS, HEIGHT // 4, WIDTH // 4, 3)).repeat(4, axis=1).repeat(4, axis=2)
     )
     for view in strange:
         photos[view] = other[view]
-    assert set(found(photos, cameras)) == strange
+    assert set(found(photos, cameras, tmp_path)) == strange
 
 
-def test_where_nothing_agrees_nobody_is_a_stranger(wall: tuple[np.ndarray, list[ts.Camera]]) -> None:
-    assert found(np.random.default_rng(0).uniform(size=wall[0].shape), wall[1]) == ()
+def test_where_nothing_agrees_nobody_is_a_stranger(wall: tuple[np.ndarray, list[ts.Camera]], tmp_path: Path) -> None:
+    assert found(np.random.default_rng(0).uniform(size=wall[0].shape), wall[1], tmp_path) == ()
 
 
-def test_two_photos_contradict_each_other_or_none(wall: tuple[np.ndarray, list[ts.Camera]]) -> None:
-    photos, cameras = wall[0][3:5].copy(), wall[1][3:5]
-    assert found(photos, cameras) == ()
-    photos[1] = np.random.default_rng(0).uniform(size=(HEIGHT // 4, WIDTH // 4, 3)).repeat(4, axis=0).repeat(4, axis=1)
-    assert found(photos, cameras) == (0, 1)
+def test_of_two_photos_none_is_the_stranger(wall: tuple[np.ndarray, list[ts.Camera]], tmp_path: Path) -> None:
+    photos = np.random.default_rng(0).uniform(size=(2, *wall[0].shape[1:]))
+    assert found(photos, wall[1][3:5], tmp_path) == ()
 
 
 def blurred(photo: np.ndarray) -> np.ndarray:
@@ -73,19 +74,19 @@ def blurred(photo: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("change", [lambda photo: photo, lambda photo: photo / 4, blurred, lambda _: np.float64(0.5)])
-def test_what_belongs_is_kept(wall: tuple[np.ndarray, list[ts.Camera]], change) -> None:
+def test_what_belongs_is_kept(wall: tuple[np.ndarray, list[ts.Camera]], change, tmp_path: Path) -> None:
     photos = wall[0].copy()
     photos[4] = change(photos[4])
-    assert found(photos, wall[1]) == ((4,) if np.ptp(photos[4]) == 0 else ())
+    assert found(photos, wall[1], tmp_path) == ((4,) if np.ptp(photos[4]) == 0 else ())
 
 
-def test_who_looks_where_no_other_does_is_kept(wall: tuple[np.ndarray, list[ts.Camera]]) -> None:
+def test_who_looks_where_no_other_does_is_kept(wall: tuple[np.ndarray, list[ts.Camera]], tmp_path: Path) -> None:
     photos, cameras = wall[0].copy(), list(wall[1])
     away = np.array(cameras[8].c2w)
     away[0, 3] += 4
     cameras[8] = replace(cameras[8], c2w=away)
     photos[8] = np.random.default_rng(0).uniform(size=(HEIGHT // 4, WIDTH // 4, 3)).repeat(4, axis=0).repeat(4, axis=1)
-    assert found(photos, cameras) == ()
+    assert found(photos, cameras, tmp_path) == ()
 
 
 def test_likeness_depends_on_neither_exposure_nor_noise_where_nothing_is() -> None:

@@ -3,20 +3,24 @@
 Three things tell a stranger. The Gaussians of the other photos do not show it. Drawn with its own, they still do not,
 as they stand before or beside these. And its neighbours are shown better without it. A photo that looks where few
 others do has the first in common with strangers, but neither of the others. How alike a picture is does not depend on
-exposure: a photo two stops darker than the others is none. Measured in docs/lab/refine.md. Needs numba.
+exposure: a photo two stops darker than the others is none. Measured in docs/lab/strangers.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render.gradient import MovableGaussians, Target
+from ..gaussian.editing import select_views
+from ..gaussian.gaussians import Gaussians
+from ..refine.photos import targets_of
+from ..render import Renderer
+from ..scene.scenes import Scene
+from ..scene.viewpoints import distances
 from ..system.told import NOBODY, Told
-from .photos import COVERED, in_parts
 
 LEAST_ALIKE, LEAST_OWN = 0.45, 0.85
 """How alike a photo and its picture are at least, drawn from the Gaussians of the others and from all. A photo is
@@ -28,30 +32,40 @@ MOST_HARM = 0.05
 MOST_OUT = 0.25
 """Share of the photos that are strangers at most; a single one may always be."""
 
+SHOWING = 4
+"""Photos whose Gaussians show one, itself among them unless it is left out: the nearest."""
+
+COVERED = 0.6
+"""A pixel counts where Gaussians are at least so opaque."""
+
+MOST_PIXELS = 1 << 17
+"""Photos that have more are compared at this size."""
+
 TILE = 8
 """Pixels of a side of the tiles in which they are compared."""
-
 
 EVEN = 0.01
 """Standard deviation of a colour in a tile that counts as noise."""
 
 
-def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = NOBODY) -> tuple[int, ...]:
-    """The photos that the others contradict, in order; none where they would be many, both of two.
+def strangers(gaussians: Gaussians, scene: Scene, threads: int | None = None, told: Told = NOBODY) -> tuple[int, ...]:
+    """The photos that the others contradict, in order; none where they would be many, and of two photos.
 
     Args:
-        field: the Gaussians of all photos.
-        targets: the photos.
+        gaussians: per pixel, of all photos.
+        scene: the photos.
+        threads: how many to use, None for one per available core.
         told: is told of each photo.
+
+    Raises:
+        InputError: a photo that cannot be read.
     """
-    sight, out = _Sight(field, targets), frozenset[int]()
-    if len(targets) == 2:
-        views = told.progress("comparing neighbours", (0, 1))
-        by_other, by_both = zip(*((sight.alike(view, {view}), sight.alike(view, ())) for view in views), strict=True)
-        return (0, 1) if max(by_other) < LEAST_ALIKE and min(by_both) < LEAST_OWN else ()
-    most = max(1, int(MOST_OUT * len(targets)))
+    count, out = len(scene.frames), frozenset[int]()
+    if count <= 2:
+        return ()
+    sight = _Sight(gaussians, scene, threads)
     while True:
-        left = [view for view in range(len(targets)) if view not in out]
+        left = [view for view in range(count) if view not in out]
         looked_at = left if out else told.progress("comparing neighbours", left)
         apart = {view: sight.alike(view, out | {view}) for view in looked_at}
         own = {view: sight.alike(view, out) for view in left if apart[view] < LEAST_ALIKE}
@@ -60,42 +74,54 @@ def strangers(field: MovableGaussians, targets: Sequence[Target], told: Told = N
         harmful = [view for view in doubted if harm[view] > 0]
         unlike = [view for view in doubted if own[view] < LEAST_ALIKE]  # by a wrong photo of good Gaussians
         if not harmful and not unlike:
-            break
+            return tuple(sorted(out))
         worst = max(harmful, key=lambda view: harm[view]) if harmful else min(unlike, key=lambda view: own[view])
         out |= {worst}
-        if len(out) > most:
+        if len(out) > max(1, int(MOST_OUT * count)):
             return ()
-    return tuple(sorted(out))
 
 
 class _Sight:
     """How the Gaussians of some photos show one; the same picture is drawn once."""
 
-    def __init__(self, field: MovableGaussians, targets: Sequence[Target]) -> None:
-        self._field = field
-        self._targets = [replace(target, photo=in_parts(target.photo, view)) for view, target in enumerate(targets)]
-        self._known = dict[tuple[int, bytes], float]()
+    def __init__(self, gaussians: Gaussians, scene: Scene, threads: int | None) -> None:
+        camera = scene.cameras[0]
+        share = min(math.sqrt(MOST_PIXELS / (camera.width * camera.height)), 1)
+        if share < 1:
+            scene = scene.resized(round(share * camera.height), round(share * camera.width))
+        self._gaussians, self._threads = gaussians, threads
+        self._targets = targets_of(scene.cameras, scene.frames)
+        self._order = [np.argsort(distances(camera, gaussians.cameras), kind="stable") for camera in gaussians.cameras]
+        self._known = dict[tuple[int, tuple[int, ...]], float]()
 
     def alike(self, view: int, without: Collection[int]) -> float:
-        """`likeness` of a photo and its picture from the Gaussians of all photos but some."""
-        target, shares = self._targets[view], self._field.shares(self._targets[view].camera, without)
-        key = view, shares.whole.tobytes()
+        """`likeness` of a photo and its picture from the Gaussians of those near it but some."""
+        key = view, self._near(view, without)
         if key not in self._known:
-            shown = np.ones((*target.photo.shape[:2], 4), np.float32)
-            self._field.measure(target, shares=shares, shown=shown)
-            known = (shown[..., 3] <= COVERED) & np.isfinite(target.photo[..., 0])
-            self._known[key] = likeness(shown[..., :3], target.photo, known)
+            near, target = select_views(self._gaussians, key[1]), self._targets[view]
+            renderer = Renderer(near, self._threads, keep=False)
+            shown = renderer.render(target.camera, outputs=("rgb", "alpha"))
+            known = (shown["alpha"] >= COVERED) & np.isfinite(target.photo[..., 0])
+            self._known[key] = likeness(shown["rgb"], target.photo, known)
         return self._known[key]
 
     def harm(self, view: int, without: Collection[int], doubted: Collection[int]) -> float:
-        """By how much its neighbours, but those that are doubted too, are shown better without a photo's Gaussians."""
+        """By how much its neighbours are shown better without a photo's Gaussians; of those that are doubted too, those
+        that nobody would doubt then.
+        """
         gains = []
-        for other, target in enumerate(self._targets):
-            if other in doubted or other in without:
+        for other in range(len(self._targets)):
+            if other in without or view not in self._near(other, {*without, other}):
                 continue
-            if self._field.shares(target.camera, {*without, other}).whole[view] > 0:
-                gains.append(self.alike(other, {*without, other, view}) - self.alike(other, {*without, other}))
+            then = self.alike(other, {*without, other, view})
+            if other not in doubted or then >= LEAST_ALIKE:
+                gains.append(then - self.alike(other, {*without, other}))
         return float(np.clip(gains, -MOST_HARM, MOST_HARM).mean()) if gains else 0.0
+
+    def _near(self, view: int, without: Collection[int]) -> tuple[int, ...]:
+        """The photos whose Gaussians show one, but some, in order."""
+        near = [int(other) for other in self._order[view] if other not in without]
+        return tuple(sorted(near[:SHOWING]))
 
 
 def likeness(picture: NDArray, photo: NDArray, known: NDArray) -> float:

@@ -1,11 +1,10 @@
-"""A capture for viewers that draw everything: of what several views show, the Gaussians of one.
+"""Of what several photos show, the pixels of one: from these a list begins.
 
-Our drawing takes a picture from the nearest views of a capture alone. Viewers that draw all Gaussians as 3DGS defines
-see every surface as often as it was photographed, each time a little beside itself, and before it what views that look
-past them got wrong: fog. So a Gaussian goes
+Views see every surface as often as it was photographed, each time a little beside itself, and before it what views that
+look past them got wrong. So a Gaussian goes
 
 - where a near view sees past it: it lies before the surface there, more often than others bear it out;
-- where two other near views show the same place as finely or finer, which then show it for all.
+- where another near view shows the same place as finely or finer, which then shows it for all.
 
 Coarse layers, which close holes between surfaces, stay faint where no surface is.
 """
@@ -17,9 +16,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gaussian.gaussians import Gaussians
 from ..scene.cameras import Camera
 from ..scene.neighbours import nearest_places, view_places
-from .gaussians import Gaussians
 
 LOOKED_AT = 8
 """Nearest views that a Gaussian is held against."""
@@ -31,50 +30,34 @@ AS_FINE = 1.1
 """A view shows a place as finely as another where its pixel there is at most so many times as wide."""
 
 
-SHOWN = 2
-"""Views that may show a place: with one alone, holes open where the two do not quite agree."""
-
 BEHIND = 0.15
 """Share of their opacity that Gaussians of further layers keep: enough to close holes, and little to see in front."""
 
 
-def thinned(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) -> Gaussians:
-    """The Gaussians of a capture that other viewers should draw, as a list (N,).
+def opacities_kept(gaussians: Gaussians, run_jobs: Callable = map) -> list[NDArray]:
+    """By layer, (V, H, W) float32 opacities, and −1 for what goes.
 
     Args:
         gaussians: per pixel, with cameras.
         run_jobs: maps a function over a list, on any number of threads.
-        shown: how many views may show a place.
     """
-    opacities = np.concatenate([layer.ravel() for layer in opacities_kept(gaussians, run_jobs, shown)])
-    flat = gaussians.flat()
-    keep = opacities >= 0
-    if not keep.any():
-        return flat
-    return flat.taken(keep).changed(opacities=opacities[keep])
-
-
-def opacities_kept(gaussians: Gaussians, run_jobs: Callable = map, shown: int = SHOWN) -> list[NDArray]:
-    """By layer, (V, H, W) float32 opacities that `thinned` gives, and −1 for what goes; arguments as it has them."""
     views = range(len(gaussians.cameras))
     depths = [_depths(gaussians, view) for view in views]
     near = _near(gaussians.cameras, depths)
     parts = [(number, view) for number in range(len(gaussians.layers)) for view in views]
-    kept = list(run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths, shown), parts))
+    kept = list(run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths), parts))
     by_layer = [kept[len(views) * number : len(views) * (number + 1)] for number in range(len(gaussians.layers))]
     return [
         np.stack(parts).reshape(layer.opacities.shape) for parts, layer in zip(by_layer, gaussians.layers, strict=True)
     ]
 
 
-def _opacities(
-    gaussians: Gaussians, part: tuple[int, int], near: Sequence[int], depths: Sequence[NDArray], shown: int
-) -> NDArray:
+def _opacities(gaussians: Gaussians, part: tuple[int, int], near: Sequence[int], depths: Sequence[NDArray]) -> NDArray:
     """(n,) float32 opacities of a layer and view, by their numbers; −1 for what goes."""
     number, view = part
     layer, is_surface = gaussians.layers[number], number == 0
     borne_out, before, served = _judged(layer.means[view].reshape(-1, 3), view, near, gaussians, depths, is_surface)
-    keep = (before <= borne_out) & (served < (shown if is_surface else 1))
+    keep = (before <= borne_out) & (served == 0)
     share = np.float32(1 if is_surface else BEHIND)
     return np.where(keep, share * layer.opacities[view].ravel(), np.float32(-1))
 
