@@ -15,14 +15,15 @@ from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..graphs.ways import LEAST_EACH, Way
 from ..scene.scenes import Scene
+from ..sparse import FEW_PHOTOS
 from ..system import printable
 from ..system.told import NOBODY, Told
 from .request import CompressRequest, EncodeRequest
 from .stages import Pruning, Tools, code, code_photos, sparse
 
-LIST_QP = -6.0
-"""Default Q_g of a capture as one list: training brings it nearer to its photos than most inputs of `compress` are, so
-that the same steps would lose more."""
+LIST_QP, FEW_LIST_QP = -5.0, -6.0
+"""Default Q_g of a capture as one list, and of one of few photos, which has few bytes to save: training brings it
+nearer to its photos than most inputs of `compress` are, so that the same steps would lose more."""
 
 LOOKS = 2
 """Passes that look for foreign photos: two of one other scene support each other until one is left out."""
@@ -263,7 +264,8 @@ def _coded(
     """Code the Gaussians of a scene, or its photos if the mode asks for them."""
     if request.mode != PHOTOS:
         is_list = request.mode == LIST
-        coding = replace(request, qp=LIST_QP) if is_list and not request.rates else request
+        qp = FEW_LIST_QP if len(scene.frames) <= FEW_PHOTOS else LIST_QP
+        coding = replace(request, qp=qp) if is_list and not request.rates else request
         return code(gaussians, coding, tools, pruning=Pruning(is_done=is_list), stats=stats, told=told)
     photos = PhotoScene.of(scene, request.model, tools.store)
     return code_photos(gaussians, request, photos, tools, stats=stats)
