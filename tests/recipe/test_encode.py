@@ -135,7 +135,8 @@ def test_a_run_takes_the_steps_that_it_planned(many: Path, mode: str) -> None:
     pytest.importorskip("numba")
     heard = Heard()
     sizes = {"size": (48, 64), "near": 2, "far": 9, "train": 20 if mode == "list" else None}
-    encode(EncodeRequest(many, mode=mode, **sizes), RUNTIME, heard)
+    data = encode(EncodeRequest(many, mode=mode, **sizes), RUNTIME, heard).data
+    assert (ts.inspect(data)["refined"] or "").startswith("20 steps on " if mode == "list" else "")
     *planned, compared = heard.planned
     assert compared == "comparing photos"  # which is the command's
     assert [step for step in planned if step in heard.steps] == heard.steps

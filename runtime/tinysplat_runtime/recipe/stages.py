@@ -85,7 +85,8 @@ def sparse(
     targets = targets_of(scene.cameras, scene.frames)
     found = trained(gaussians, targets, allowed, threads=tools.threads, stats=stats, told=told)
     told.say("doubt" if stats.is_cut_short else "notice", stats.text)
-    return found
+    trained_on = f"{stats.steps} steps on {len(targets)} photos: {np.nanmean(stats.psnr):.1f} dB"
+    return found.with_notes(replace(found.notes, refined=trained_on))
 
 
 @dataclass(frozen=True)
