@@ -23,7 +23,7 @@ RECORD = ROOT / "docs" / "pictures.json"
 EXAMPLES = "python examples/demo.py --out demo_out"
 ENCODED = "python examples/demo.py --out demo_out --photos && tinysplat encode demo_out/motorcycle -o demo.tsplat"
 PAGE = ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css"]
-MUG = "tinysplat encode mug/ --views 0-15 --masks background --mode list -o mug.tsplat"
+MUG = "tinysplat encode mug/ --masks background -o mug.tsplat"
 DRAWN_BY_ENGINES = "PYTHONPATH=tests python checks/engines.py demo.tsplat docs/engines.webp docs/dilated.webp"
 ENGINES = f"{ENCODED} --size 256x256 && {DRAWN_BY_ENGINES}"
 
@@ -55,9 +55,7 @@ PICTURES = {
         "mug/: the photos and masks that docs/pages/README.md names",
     ),
     "docs/pages/conch.html": MadePicture(
-        "tinysplat encode conch/ --views 0-15 --mode gaussians -o whole.tsplat"
-        " && tinysplat compress whole.tsplat -o conch.tsplat --target-size 640KB"
-        " && tinysplat view conch.tsplat --html docs/pages/conch.html --force",
+        "tinysplat encode conch/ -o conch.tsplat && tinysplat view conch.tsplat --html docs/pages/conch.html --force",
         [*PAGE, "models/edge.onnx"],
         "conch/: the photos that docs/pages/README.md names",
     ),
@@ -66,16 +64,12 @@ PICTURES = {
         ["examples/demo.py", "models/edge.onnx"],
     ),
     "docs/pages/plush.html": MadePicture(
-        "tinysplat encode plush/ --views all --mode gaussians -o whole.tsplat"
-        " && tinysplat compress whole.tsplat -o plush.tsplat --target-size 640KB"
-        " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
+        "tinysplat encode plush/ -o plush.tsplat && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
         [*PAGE, "models/edge.onnx"],
         "plush/: the photos that docs/pages/README.md names",
     ),
     "docs/pages/drone.html": MadePicture(
-        "tinysplat encode drone/ --views 0-2,4-10,12-15 --mode gaussians -o whole.tsplat"
-        " && tinysplat compress whole.tsplat -o drone.tsplat --target-size 640KB"
-        " && tinysplat view drone.tsplat --html docs/pages/drone.html --force",
+        "tinysplat encode drone/ -o drone.tsplat && tinysplat view drone.tsplat --html docs/pages/drone.html --force",
         [*PAGE, "models/edge.onnx"],
         "drone/: the photos that docs/pages/README.md names",
     ),
