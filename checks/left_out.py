@@ -1,6 +1,6 @@
 """How good is a capture that `tinysplat encode` makes, at photos that it is not given?
 
-    python checks/left_out.py SCENE 0-15 --mode list --masks background
+    python checks/left_out.py SCENE 0-15 --masks background
 
 Of these photos (0-15) every eighth, from the fourth on, is left out; `encode` gets the others, and what follows as its
 options. Its file is drawn at the photos left out and held against them, at the size that it chose, within their masks.

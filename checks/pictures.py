@@ -67,7 +67,9 @@ PICTURES = {
         ["examples/demo.py", "models/edge.onnx"],
     ),
     "docs/pages/plush.html": MadePicture(
-        "tinysplat encode plush/ -o plush.tsplat && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
+        "tinysplat encode plush/ -o whole.tsplat"
+        " && tinysplat compress whole.tsplat -o plush.tsplat --target-size 880KB"
+        " && tinysplat view plush.tsplat --html docs/pages/plush.html --force",
         [*PAGE, "models/edge.onnx"],
         "plush/: the photos that docs/pages/README.md names",
     ),
