@@ -41,12 +41,16 @@ def wall() -> tuple[np.ndarray, list[ts.Camera]]:
     return 0.5 + 0.35 * waves, cameras
 
 
-def found(photos: np.ndarray, cameras: list[ts.Camera], folder: Path) -> tuple[int, ...]:
+def found(
+    photos: np.ndarray, cameras: list[ts.Camera], folder: Path, shown: np.ndarray | None = None
+) -> tuple[int, ...]:
+    """Of photos, whose Gaussians show others where these are given."""
     frames = []
     for view, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
         write_png(folder / f"{view}.png", photo)
         frames.append(Frame(camera, folder / f"{view}.png"))
-    return strangers(predicted(photos, cameras), Scene(folder, tuple(frames), 1.0, 9.0), 1)
+    gaussians = predicted(photos if shown is None else shown, cameras)
+    return strangers(gaussians, Scene(folder, tuple(frames), 1.0, 9.0), 1)
 
 
 @pytest.mark.parametrize("strange", [{4}, {0}, {3, 4}, {2, 6}])
@@ -62,6 +66,15 @@ def test_strangers_are_found(wall: tuple[np.ndarray, list[ts.Camera]], strange: 
 
 def test_where_nothing_agrees_nobody_is_a_stranger(wall: tuple[np.ndarray, list[ts.Camera]], tmp_path: Path) -> None:
     assert found(np.random.default_rng(0).uniform(size=wall[0].shape), wall[1], tmp_path) == ()
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_of_a_few_photos_that_their_gaussians_do_not_show_none_is_the_stranger(
+    wall: tuple[np.ndarray, list[ts.Camera]], count: int, tmp_path: Path
+) -> None:
+    blocks = np.random.default_rng(1).uniform(size=(2, count, HEIGHT // 4, WIDTH // 4, 3))
+    photos, others = blocks.repeat(4, axis=2).repeat(4, axis=3)
+    assert found(photos, wall[1][:count], tmp_path, others) == ()
 
 
 def test_of_two_photos_none_is_the_stranger(wall: tuple[np.ndarray, list[ts.Camera]], tmp_path: Path) -> None:

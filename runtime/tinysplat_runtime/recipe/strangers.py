@@ -113,6 +113,8 @@ class _Sight:
         for other in range(len(self._targets)):
             if other in without or view not in self._near(other, {*without, other}):
                 continue
+            if not self._near(other, {*without, other, view}):
+                continue  # of the two that are left
             then = self.alike(other, {*without, other, view})
             if other not in doubted or then >= LEAST_ALIKE:
                 gains.append(then - self.alike(other, {*without, other}))
