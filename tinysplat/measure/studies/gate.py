@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 from tinysplat_runtime.codec.job import EncodeStats
-from tinysplat_runtime.codec.modes import DEFAULT_MODE
 from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
@@ -69,7 +68,7 @@ def gate_rows(run: Run) -> Iterator[Row]:
 def _row(run: Run, name: str, kind: str, given: Scene, targets: Scene) -> Row:
     """A file of photos by default, and its pictures at photos left out."""
     scene, stats = replace(given, near=None, far=None), EncodeStats()
-    request = EncodeRequest(scene, model=run.model, mode=run.options.mode or DEFAULT_MODE)
+    request = EncodeRequest(scene, model=run.model, mode=run.options.mode)
     made, cpu = cpu_of(lambda: encode(request, run.runtime, stats=stats, keep=True))
     assert made.gaussians is not None
     camera = prepared(request).cameras[0]
