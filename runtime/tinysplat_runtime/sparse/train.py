@@ -51,7 +51,6 @@ class TrainStats:
         steps, planned: how many were taken, and how many there would have been with more seconds.
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
         psnr: dB of each photo at the end, as it was exposed.
-        gains: red, green and blue of each photo.
     """
 
     given: int = 0
@@ -61,7 +60,6 @@ class TrainStats:
     planned: int = 0
     rounds: list[list[float]] = field(default_factory=list)
     psnr: tuple[float, ...] = ()
-    gains: tuple[tuple[float, ...], ...] = ()
 
     def note(self) -> str:
         """How things stand, in few words."""
@@ -206,7 +204,6 @@ class _Training:
         gaussians, stats = self._descent.field.gaussians(), self._stats
         errors = [self._descent.field.measure(self._exposed(view, 1)) for view in range(len(self._gains))]
         stats.kept, stats.psnr = gaussians.count, tuple(error.psnr for error in errors)
-        stats.gains = tuple(map(tuple, self._gains.tolist()))
         placed = self._places.viewpoints() if self._places else self._cameras
         seen = (replace(viewpoint_of(camera), gain=gain) for camera, gain in zip(placed, self._gains, strict=True))
         return replace(gaussians, viewpoints=tuple(seen))
