@@ -98,6 +98,8 @@ class Descent:
         count: steps taken.
     """
 
+    _mean: RunningMean
+
     def __init__(
         self, field: FreeGaussians, pace: Pace, run_jobs: Callable, limits: Sequence[tuple[float, float]] = LIMITS
     ) -> None:
@@ -105,7 +107,6 @@ class Descent:
         on any threads.
         """
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
-        self._mean = RunningMean()
         self._begin(field)
 
     def step(

@@ -35,9 +35,6 @@ from ..scene.cameras import Camera
 REACH = 1.5
 """Of the second nearest view's distance, where shares reach 0: at 1, two views that swap places there would pop."""
 
-FEW = 6
-"""Views that a network takes at once: of more, photos are a capture."""
-
 
 @dataclass(frozen=True, eq=False)
 class NearViews:

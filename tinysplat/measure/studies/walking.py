@@ -29,10 +29,10 @@ from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.stages import sparse
 from tinysplat_runtime.render import Renderer, between
-from tinysplat_runtime.render.near import FEW
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.sparse import FEW_PHOTOS
 from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
@@ -95,7 +95,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     def walked(given: Scene, asked: int) -> Iterator[Row]:
         """Rows of the network's Gaussians and of every step after it."""
         is_compared, photos = asked == COMPARED or run.quick, len(given.frames)
-        has_steps = photos > FEW and find_spec("numba") is not None
+        has_steps = photos > FEW_PHOTOS and find_spec("numba") is not None
         gaussians, cpu = cpu_of(lambda: runtime.predict(given, model))
         steps = [(STUDY, gaussians, cpu)]
         if has_steps and is_compared:

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from ...gaussian.gaussians import Gaussians
 from ...gaussian.sh import C0, sh_basis
 from ...render import DEFINITION, Renderer, between
-from ...render.near import FEW
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...scene.neighbours import NEAR, nearest_views
@@ -33,6 +32,9 @@ from .blocks import SIDE
 
 STRIPE_ROWS = 32
 """Rows of a stripe, which is as wide as the picture; fewer where the picture has fewer."""
+
+FEW = 6
+"""Views that a network takes at once: stripes of more are drawn from the nearest alone."""
 
 _REACH = 3.0  # standard deviations beyond which a Gaussian's part in a stripe is not worth the look
 _DILATION_PX = 3.0
