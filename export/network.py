@@ -27,7 +27,7 @@ from tinysplat.networks import export_support as official
 from tinysplat.networks.depthsplat import SCALE_RULES
 from tinysplat.training.state import shipped_network
 from tinysplat_runtime.errors import InputError, TinySplatError
-from tinysplat_runtime.graphs.predict import NetworkLimits
+from tinysplat_runtime.network.predict import NetworkLimits
 from tinysplat_runtime.system.progress import working
 
 from .difference import parity

@@ -23,13 +23,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.job import EncodeStats, Job
-from tinysplat_runtime.codec.list.encoder import ListEncoder
-from tinysplat_runtime.codec.list.levels import Level, Tiers
 from tinysplat_runtime.codec.profiles import find_profile
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.list.coding.encoder import ListEncoder
+from tinysplat_runtime.list.coding.levels import Level, Tiers
 from tinysplat_runtime.render import DEFINITION, between, render
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png

@@ -61,7 +61,7 @@ class _Picture(torch.autograd.Function):
     def forward(ctx: Any, *given: Any) -> Tensor:
         *fields, ctx.camera = given
         try:
-            from tinysplat_runtime.refine.free import FreeGaussians
+            from tinysplat_runtime.list.training.free import FreeGaussians
         except ImportError as error:
             raise InputError(f"{error}; pip install numba brings it", where="rasteriser") from None
         arrays = [field.detach().float().cpu().numpy() for field in fields]
@@ -77,7 +77,7 @@ class _Picture(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
-        from tinysplat_runtime.refine.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, TURN
+        from tinysplat_runtime.list.training.kernels_free import LOG_SCALE, LOGIT, MOVE, SH_RED, TURN
 
         means, _, scales, opacities, _, units = ctx.saved_tensors
         found = torch.from_numpy(ctx.free.gradient(ctx.camera, slopes[0].float().cpu().contiguous().numpy()))

@@ -90,8 +90,8 @@ class Runtime:
         """Gaussians of all views of a scene.
 
         Three photos or more are grouped with their neighbours (`scene.neighbours`) and go through the network's stages
-        one by one (`graphs.each`), between which all agree on depth (`graphs.joint`); where it has none, more than it
-        takes at once go group by group. Large photos (`graphs.enlarge.LARGE_PIXELS`) are scaled down for the shipped
+        one by one (`network.each`), between which all agree on depth (`network.joint`); where it has none, more than it
+        takes at once go group by group. Large photos (`network.enlarge.LARGE_PIXELS`) are scaled down for the shipped
         networks, and what these find is brought to every pixel.
 
         Args:
@@ -110,7 +110,7 @@ class Runtime:
             ModelError: no such network, or one that breaks its contract.
             NumericError: the network's output is not finite.
         """
-        from .graphs.ways import Way
+        from .network.ways import Way
         from .scene.scenes import Scene
 
         check_is(scene, Scene, "scene", "a Scene, which `load_scene` reads")
@@ -218,8 +218,8 @@ class Runtime:
             InputError: `data` is no bytes, `max_bytes` is below 1, or `views` are not different views of the file.
             ModelError: the file carries photos, and the network that it names is not at hand.
         """
-        from .codec.decoder import decode_file
         from .container.reader import read_container
+        from .modes.decoder import decode_file
 
         check_is(data, bytes | bytearray | memoryview, *BYTES)
         if max_bytes is not None and max_bytes < 1:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from web.node import Decoder
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.decoder import decode_file
 from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.gaussian.planes import MAX_CODE
 from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.modes.decoder import decode_file
 
 from . import corpus
 from .containers import damage_container, damage_whole

@@ -19,11 +19,9 @@ from scenes import make_cameras
 
 import tinysplat_runtime as ts
 from tinysplat.poses.panoramas import says_panorama
-from tinysplat_runtime.codec.decoder import decode_file, decode_gaussians
 from tinysplat_runtime.codec.hevc import PlaneDecoder, encode_plane
 from tinysplat_runtime.codec.job import EncodeStats, Job
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, EncoderSettings, find_profile
-from tinysplat_runtime.codec.recode import encode_like
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.reader import read_container
@@ -31,7 +29,9 @@ from tinysplat_runtime.errors import FormatError, InputError, ModelError, Numeri
 from tinysplat_runtime.gaussian.gaussians import FIELDS
 from tinysplat_runtime.graphs.artifacts import Artifact
 from tinysplat_runtime.graphs.inference import GraphStore, open_graph
-from tinysplat_runtime.graphs.predict import predict
+from tinysplat_runtime.modes.decoder import decode_file, decode_gaussians
+from tinysplat_runtime.modes.recode import encode_like
+from tinysplat_runtime.network.predict import predict
 from tinysplat_runtime.page.story import load_story
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.colours import of_icc, to_srgb

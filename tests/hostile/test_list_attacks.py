@@ -14,13 +14,13 @@ from scenes import list_in_tiers, make_list, refusing
 from sections import file_of, sections_of
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.codec.list import octree
-from tinysplat_runtime.codec.list.octree import decode_points, encode_points
 from tinysplat_runtime.container import layout as L
 from tinysplat_runtime.container.list import TIER, decoding_bytes
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.curve import morton_keys
+from tinysplat_runtime.list.coding import octree
+from tinysplat_runtime.list.coding.octree import decode_points, encode_points
 
 
 @pytest.fixture(scope="module")

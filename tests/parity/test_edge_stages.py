@@ -17,10 +17,10 @@ from tinysplat.networks.edge_stages import STAGES, Stage
 from tinysplat.training.state import shipped_network
 from tinysplat_runtime.gaussian.gaussians import FIELDS, Gaussians
 from tinysplat_runtime.graphs.artifacts import models_dir
-from tinysplat_runtime.graphs.each import predict_each
 from tinysplat_runtime.graphs.inference import CONTRACTS, GraphStore
-from tinysplat_runtime.graphs.predict import NetworkLimits, predict
-from tinysplat_runtime.graphs.walk import capture_groups
+from tinysplat_runtime.network.each import predict_each
+from tinysplat_runtime.network.predict import NetworkLimits, predict
+from tinysplat_runtime.network.walk import capture_groups
 from tinysplat_runtime.scene.cameras import Camera
 
 STORE = GraphStore(threads=1)

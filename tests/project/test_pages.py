@@ -14,7 +14,7 @@ PAGES += [ROOT / "docs" / "llms.txt", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 PATH = re.compile(r"`((?:[\w.-]+/)*[\w.{},*-]+\.(?:py|js|md|toml))`")
-ELSEWHERE = {"three.webgpu.js", "MODEL_ZOO.md", "count.mjs", "container/toy.py", "codec/modes/toy.py"}
+ELSEWHERE = {"three.webgpu.js", "MODEL_ZOO.md", "count.mjs", "container/toy.py", "modes/toy.py"}
 """Files of other projects, and of examples."""
 
 

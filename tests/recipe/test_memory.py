@@ -12,7 +12,7 @@ import pytest
 from scenes import make_gaussians, refusing
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.graphs.ways import OneByOne
+from tinysplat_runtime.network.ways import OneByOne
 from tinysplat_runtime.recipe.memory import check_memory
 from tinysplat_runtime.recipe.own import looked_at, own_psnr
 from tinysplat_runtime.scene.scenes import Frame, Scene

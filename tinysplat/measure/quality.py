@@ -20,8 +20,8 @@ from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.gaussian.difference import attribute_errors
-from tinysplat_runtime.graphs.masked import hidden
-from tinysplat_runtime.graphs.predict import predict
+from tinysplat_runtime.network.masked import hidden
+from tinysplat_runtime.network.predict import predict
 from tinysplat_runtime.system.jsonfields import JsonObject
 from tinysplat_runtime.system.stopwatch import Stopwatch
 

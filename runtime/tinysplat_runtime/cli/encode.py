@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..api import Runtime
-from ..codec.modes import LIST
 from ..container.layout import SUFFIX
 from ..container.list import List
 from ..errors import InputError, within
 from ..formats.viewpoints import found_beside
 from ..graphs.providers import providers_of
-from ..graphs.ways import LEAST_EACH
+from ..modes import LIST
+from ..network.ways import LEAST_EACH
 from ..recipe.encode import Encoded, listed
 from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos

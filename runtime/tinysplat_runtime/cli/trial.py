@@ -13,8 +13,8 @@ from ..api import Runtime
 from ..errors import TinySplatError
 from ..graphs import DEFAULT_MODEL
 from ..graphs.inference import GraphStore
-from ..graphs.predict import predict
 from ..graphs.providers import Provider
+from ..network.predict import predict
 from ..scene.cameras import Camera
 
 SIDE = 64

@@ -11,7 +11,7 @@ from pathlib import Path
 from ..api import Runtime
 from ..errors import InputError, fast_for
 from ..gaussian.gaussians import Gaussians
-from ..graphs.predict import predict
+from ..network.predict import predict
 from ..render import Renderer
 from ..scene.intake.cameras_json import write_photos
 from ..system.told import Told

@@ -80,8 +80,8 @@ class PhotoScene:
     @classmethod
     def of(cls, scene: Scene, model: str, store: GraphStore) -> PhotoScene:
         """The photos of a scene that the network `model` was run on."""
-        from ..graphs.predict import NetworkLimits
-        from ..graphs.walk import capture_groups
+        from ..network.predict import NetworkLimits
+        from ..network.walk import capture_groups
 
         near, far = scene.depth_range()
         groups = capture_groups(scene.cameras, near, far, NetworkLimits.of(store.network(model)))

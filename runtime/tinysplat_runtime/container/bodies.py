@@ -12,7 +12,7 @@ from .photos import Photos
 from .planes import Planes
 
 BODIES: list[type[Body]] = [Planes, Photos, Exact, List]
-"""A file's body is of the kind whose sign is among its sections; by its name `codec/modes/` has what codes it."""
+"""A file's body is of the kind whose sign is among its sections; by its name `modes/` has what codes it."""
 
 
 def body_kind(kinds: Collection[bytes]) -> type[Body]:

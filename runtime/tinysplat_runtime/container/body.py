@@ -1,7 +1,7 @@
 """A parsed file, and what it is a file of: the body, of one kind for each mode.
 
 A body reads itself from the file's sections and says what is in it. It is the part of a mode that stands behind the
-trust boundary; `codec/modes/` has the other part, which encodes and decodes. `bodies.py` lists them.
+trust boundary; `modes/` has the other part, which encodes and decodes. `bodies.py` lists them.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ class PointGrid:
         cell: side of a cell of the contracted space, whose unit is the radius.
         low: (3,) contracted coordinates of cell 0's middle.
         levels: cells of each level of the octree from its root.
-        leaves, escapes: see `codec.list.octree`.
+        leaves, escapes: see `list.coding.octree`.
         streams: the octree's bytes, where they are to be written.
     """
 

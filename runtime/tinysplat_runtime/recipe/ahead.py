@@ -5,10 +5,10 @@ Shares are percentages measured on default captures (docs/lab/seconds.md); a run
 
 from __future__ import annotations
 
-from ..codec.modes import LIST
 from ..gaussian.gaussians import Gaussians
-from ..graphs.ways import Way
-from ..sparse import usual_steps
+from ..list.training import usual_steps
+from ..modes import LIST
+from ..network.ways import Way
 from .request import EncodeRequest
 
 Steps = list[tuple[str, float]]

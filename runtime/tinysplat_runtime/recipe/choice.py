@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib.util import find_spec
 
-from ..codec.modes import DEFAULT_MODE, LIST
 from ..errors import InputError
 from ..graphs import DEFAULT_MODEL
-from ..graphs.ways import LEAST_EACH
+from ..modes import DEFAULT_MODE, LIST
+from ..network.ways import LEAST_EACH
 from ..scene.scenes import Scene
 from ..system.told import Told
 from .request import EncodeRequest

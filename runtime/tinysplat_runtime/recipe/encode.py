@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 from ..codec.job import EncodeStats, PhotoScene
-from ..codec.modes import DEFAULT_MODE, LIST, PHOTOS
 from ..errors import InputError
 from ..formats.table import save_gaussians
 from ..formats.viewpoints import pixels_of
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
-from ..graphs.ways import LEAST_EACH, Way
+from ..list.training import FEW_PHOTOS
+from ..modes import DEFAULT_MODE, LIST, PHOTOS
+from ..network.ways import LEAST_EACH, Way
 from ..scene.scenes import Scene
-from ..sparse import FEW_PHOTOS
 from ..system import printable
 from ..system.told import NOBODY, Told
 from .request import CompressRequest, EncodeRequest
@@ -127,7 +127,7 @@ def _made(request: EncodeRequest, tools: Tools, told: Told, stats: EncodeStats, 
     request = chosen(request, whole, told)
     is_list = request.mode == LIST
     if is_list:
-        from ..sparse import for_network
+        from ..list.training import for_network
 
         scene = for_network(whole)
     way = _way(request, scene, tools)

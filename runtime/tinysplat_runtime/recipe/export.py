@@ -26,7 +26,7 @@ from ..system.told import NOBODY, Told
 from .request import HOW, Coding, CompressRequest, ExportRequest
 
 if TYPE_CHECKING:
-    from ..prune.amount import Amount
+    from ..list.pruning.amount import Amount
     from .stages import Tools
 
 KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
@@ -166,7 +166,7 @@ def _selected(gaussians: Gaussians, request: ExportRequest) -> Gaussians:
 def _pruned(gaussians: Gaussians, amount: Amount, tools: Tools, told: Told) -> Gaussians:
     """Those that pictures need most, as one list."""
     with fast_for("prune"):
-        from ..prune.reduction import leave_out
+        from ..list.pruning.reduction import leave_out
     left = leave_out(gaussians, amount, tools.threads, told)
     told.say("done", f"{left.text or 'none left out'}, in pictures as defined")
     return left.gaussians

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..list.training import BYTES_EACH
+from ..list.training.contrast import contrast
 from ..scene.scenes import Frame, Scene
-from ..sparse import BYTES_EACH
-from ..sparse.contrast import contrast
 from ..system.evenly import evenly
 
 PHOTOS = 4
@@ -51,7 +51,7 @@ def prune_forecast(count: int) -> str:
 
 
 def _detail(frame: Frame) -> float:
-    """The sum over a photo's pixels of the root of contrast, as `sparse.start.Surface` has it."""
+    """The sum over a photo's pixels of the root of contrast, as `list.training.start.Surface` has it."""
     return float(np.sqrt(contrast(frame.judged())).sum())
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..errors import InputError
-from ..graphs.enlarge import LARGE_PIXELS
-from ..graphs.ways import OneByOne, SmallCopies, Way
+from ..network.enlarge import LARGE_PIXELS
+from ..network.ways import OneByOne, SmallCopies, Way
 from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
 from ..system.disk import HELD_BYTES, room

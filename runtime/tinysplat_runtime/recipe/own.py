@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codec.decoder import decode_file
 from ..container.list import List
 from ..container.reader import read_container
 from ..gaussian.gaussians import FIELDS, Gaussians
+from ..modes.decoder import decode_file
 from ..render import Renderer
 from ..render.compare import mean_decibels
 from ..scene.cameras import Camera

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..codec.modes import PHOTOS
 from ..container.layout import MAX_VIEWS
 from ..errors import InputError, within
-from ..graphs.enlarge import LARGE_PIXELS
+from ..modes import PHOTOS
+from ..network.enlarge import LARGE_PIXELS
 from ..scene import BACKGROUND, MOVING
 from ..scene.intake.layouts import load_scene
 from ..scene.intake.stereo import stereo_scene

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..codec.decoder import decode_gaussians
 from ..container.inspection import inspect_bytes
 from ..gaussian.difference import attribute_errors
+from ..modes.decoder import decode_gaussians
 from ..system.jsonfields import JsonObject
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypedDict
 
-from ..codec.modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
 from ..codec.profiles import DEFAULT_PROFILE, PROFILES, Profile, find_profile
 from ..container.layout import MAX_FILE_BYTES
 from ..errors import InputError, within
@@ -18,6 +17,7 @@ from ..formats import SH_BITS, SPZ_VERSION, SPZ_VERSIONS
 from ..gaussian import MAP, OWN_VARIANCE, REMOVE
 from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
+from ..modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
 from ..scene import BACKGROUND, MOVING
 from ..system.files import StrPath, read_limited
 from . import words
@@ -26,7 +26,7 @@ from .words import AutoViews, Length, Training
 
 if TYPE_CHECKING:
     from ..gaussian.gaussians import Gaussians
-    from ..prune.amount import Amount
+    from ..list.pruning.amount import Amount
     from ..scene.cameras import Camera
     from ..scene.scenes import Scene
 
@@ -111,7 +111,7 @@ class Coding(Options):
         against=RATE,
         help="reuse steps and unchanged pictures of this file",
     )
-    """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`codec.recode`): a
+    """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`modes.recode`): a
     decoded scene coded again, edited or not, loses nothing else."""
     drop_invalid: bool = option(words.flag, False, group=BYTES, help="hide Gaussians at or behind their camera")
     """Else they are refused."""
@@ -147,7 +147,7 @@ class Coding(Options):
         """The bytes of `like`; InputError or FormatError where it is a path to no file that can be coded like."""
         if self.like is None or isinstance(self.like, bytes):
             return self.like
-        from ..codec.recode import example
+        from ..modes.recode import example
 
         data = read_limited(self.like, MAX_FILE_BYTES)
         with within(str(self.like)):
@@ -213,7 +213,7 @@ class EncodeRequest(Noted, Coding):
     mode: str | None = option(
         words.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
     )
-    """`codec.modes` says what they are; None as `recipe.choice.chosen` has it."""
+    """`modes` says what they are; None as `recipe.choice.chosen` has it."""
     fast: bool = option(
         words.flag,
         False,

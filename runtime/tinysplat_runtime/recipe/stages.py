@@ -13,11 +13,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
-from ..codec.decoder import decode_gaussians
 from ..codec.job import EncodeStats, Job, PhotoScene
-from ..codec.modes import PHOTOS
-from ..codec.modes.mode import find_mode
-from ..codec.recode import encode_like
 from ..codec.search import Coder, Once, code_to_psnr, code_to_size
 from ..container.exact import Exact
 from ..container.limits import Limits
@@ -26,6 +22,10 @@ from ..container.planes import Planes
 from ..errors import fast_for, warn
 from ..gaussian.gaussians import Gaussians
 from ..graphs.inference import GraphStore
+from ..modes import PHOTOS
+from ..modes.decoder import decode_gaussians
+from ..modes.mode import find_mode
+from ..modes.recode import encode_like
 from ..render import Renderer
 from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
@@ -40,7 +40,7 @@ from .request import Coding, EncodeRequest
 from .words import Training
 
 if TYPE_CHECKING:
-    from ..codec.list.views import Views
+    from ..list.views import Views
 
 MEASURED_VIEWS, MOST_JUDGED = 8, 16
 """Views in which the error of a list is measured; most views for Gaussians per pixel."""
@@ -74,12 +74,12 @@ def sparse(
     size: int | None = None,
 ) -> Gaussians:
     """A list of at most so many Gaussians, and for so many bytes, that shows a capture's photos; see
-    `sparse.train.trained`.
+    `list.training.train.trained`.
     """
     with fast_for("at_most"):
-        from ..refine.photos import targets_of
-        from ..sparse.settings import Budget
-        from ..sparse.train import TrainStats, trained
+        from ..list.training.photos import targets_of
+        from ..list.training.settings import Budget
+        from ..list.training.train import TrainStats, trained
     stats, training = TrainStats(), training or Training()
     allowed = Budget(count, training.steps, training.seconds, size)
     targets = targets_of(scene.cameras, scene.frames)
@@ -144,8 +144,8 @@ def code(
 
 def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is_measured: bool) -> bytes:
     """Code a list; `is_measured` fills the stats with its error in the views that were used."""
-    from ..codec.list.views import from_anywhere, some, views_of
-    from ..codec.list.visible import visible
+    from ..list.views import from_anywhere, some, views_of
+    from ..list.visible import visible
 
     job.stats.mode = List.mode
     job.told.say("step", "looking at views")
@@ -165,16 +165,16 @@ def _code_list(job: Job, coding: Coding, limits: Limits, pruning: Pruning, *, is
 
 def _list_coder(job: Job, views: Views, pruning: Pruning) -> Coder:
     """A coder that prunes, or one that keeps all: if asked to, and with a warning without numba or known viewpoints."""
-    from ..codec.modes.list import encoder
+    from ..modes.list import encoder
 
     if pruning.keep_all:
         return encoder(job, views)
     if pruning.is_done:
-        from ..prune.tiers import ranked
+        from ..list.pruning.tiers import ranked
 
         return encoder(job, views, ranked(job.gaussians, views, Crew(job.threads).map))
     try:
-        from ..prune.encoder import PruningEncoder
+        from ..list.pruning.encoder import PruningEncoder
     except ImportError as error:
         fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
         warn(fault)
@@ -217,7 +217,7 @@ def code_photos(
 
 def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:
     """PSNR of the mean squared error of a list over all cameras, drawn as 3DGS defines it."""
-    from ..codec.list.views import pictures_of
+    from ..list.views import pictures_of
 
     wanted = pictures_of(job.gaussians.flat(), cameras, job.threads)
 

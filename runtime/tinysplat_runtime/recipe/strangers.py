@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
-from ..refine.photos import targets_of
+from ..list.training.photos import targets_of
 from ..render import Renderer
 from ..scene.scenes import Scene
 from ..scene.viewpoints import distances

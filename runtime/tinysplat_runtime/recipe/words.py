@@ -19,7 +19,7 @@ from ..system.files import StrPath
 from ..system.printable import type_of
 
 if TYPE_CHECKING:
-    from ..prune.amount import Amount
+    from ..list.pruning.amount import Amount
     from ..scene.cameras import Camera
 
 _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
@@ -352,7 +352,7 @@ def training(given: object) -> Training:
 
 def amount(given: object) -> Amount:
     """`0.5` or 0.5, a share; `45dB`, a quality; `200000` or 200000, how many."""
-    from ..prune.amount import Amount
+    from ..list.pruning.amount import Amount
 
     if isinstance(given, Amount):
         return given

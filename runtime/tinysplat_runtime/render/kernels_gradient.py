@@ -5,7 +5,7 @@ second walk goes front to back again: with weight w = α·T, an error's gradient
 what lies behind divided by 1 − α, and what lies behind is what the first walk gathered less what the second has passed.
 
 Each pair of tile and splat has a place of its own for its nine sums, in the order in which pairs are listed;
-`refine/kernels_free.py` makes of them what changes by Gaussian.
+`list/training/kernels_free.py` makes of them what changes by Gaussian.
 """
 
 from __future__ import annotations

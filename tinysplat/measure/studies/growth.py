@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from tinysplat_runtime import Runtime, load_scene
-from tinysplat_runtime.codec.list.views import views_about
 from tinysplat_runtime.errors import TinySplatError
+from tinysplat_runtime.list.views import views_about
 from tinysplat_runtime.render import Renderer
 from tinysplat_runtime.scene.pictures import write_png
 

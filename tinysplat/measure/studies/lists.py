@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.codec.job import EncodeStats, Job
-from tinysplat_runtime.codec.list.views import from_anywhere, views_of
-from tinysplat_runtime.codec.list.visible import visible
-from tinysplat_runtime.codec.modes.list import encoder as encoder_of
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE, find_profile
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
-from tinysplat_runtime.prune.encoder import PruningEncoder
+from tinysplat_runtime.list.pruning.encoder import PruningEncoder
+from tinysplat_runtime.list.views import from_anywhere, views_of
+from tinysplat_runtime.list.visible import visible
+from tinysplat_runtime.modes.list import encoder as encoder_of
 from tinysplat_runtime.render import DEFINITION
 from tinysplat_runtime.render.paths import ring
 from tinysplat_runtime.scene.cameras import Camera

@@ -24,6 +24,7 @@ import numpy as np
 
 from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.list.training import FEW_PHOTOS
 from tinysplat_runtime.recipe.encode import LIST_QP
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
@@ -32,7 +33,6 @@ from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.neighbours import view_places
 from tinysplat_runtime.scene.scenes import Scene
-from tinysplat_runtime.sparse import FEW_PHOTOS
 from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of

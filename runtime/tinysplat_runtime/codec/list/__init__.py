@@ -1,1 +1,0 @@
-"""Gaussians of no pixels: sorted along a curve and by what they weigh in pictures, coded as planes."""
