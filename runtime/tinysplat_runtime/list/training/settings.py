@@ -1,4 +1,4 @@
-"""How a sparse scene is trained. Chosen on dev: docs/lab/sparse.md."""
+"""How a list is trained. Chosen on dev: docs/lab/training.md."""
 
 from __future__ import annotations
 
