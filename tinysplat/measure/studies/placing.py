@@ -106,4 +106,16 @@ def _in_short(rows: Sequence[Row]) -> str:
     return format_table(["scene", "photos", "placed", "right"], lines) if lines else ""
 
 
-PLACING = Study("Cameras from photos alone", placing_rows, {STUDY: _TABLE, f"{STUDY} in short": _in_short})
+def _in_words(rows: Sequence[Row]) -> str:
+    """Shares of the photos of all captures, each of which counts once."""
+    if not (own := of_study(rows, STUDY)):
+        return ""
+    placed, right = (sum(row.figures[name] for row in own) / len(own) for name in ("placed", "right"))
+    return f"of {len(own)} captures' photos {placed:.0%} are placed, {right:.0%} right"
+
+
+PLACING = Study(
+    "Cameras from photos alone",
+    placing_rows,
+    {STUDY: _TABLE, f"{STUDY} in short": _in_short, f"{STUDY} in words": _in_words},
+)
