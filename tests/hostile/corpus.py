@@ -104,7 +104,7 @@ def spz_seeds() -> tuple[bytes, ...]:
     return tuple(
         _written(".spz", lambda path, g=g, v=version: ts.save_gaussians(path, g, spz_version=v))
         for g in scenes
-        for version in (2, 3, 4)
+        for version in (3, 4)
     )
 
 

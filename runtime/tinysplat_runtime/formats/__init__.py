@@ -1,6 +1,6 @@
 """Gaussian files of other tools, a module a format."""
 
-SPZ_VERSIONS = (2, 3, 4)
+SPZ_VERSIONS = (3, 4)
 """What can be written."""
 
 SPZ_VERSION = 3

@@ -34,7 +34,7 @@ class WriteOptions:
 
     Attributes:
         sh_bits: for .spz, bits kept of SH coefficients of degree 1 and of higher ones, 1 to 8.
-        spz_version: 2, 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
+        spz_version: 3 or 4; 4 takes zstandard here and zstd in readers, and keeps SH degree 4.
     """
 
     sh_bits: tuple[int, int] = SH_BITS

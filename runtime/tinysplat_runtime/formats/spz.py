@@ -1,4 +1,4 @@
-"""Points in the SPZ format, versions 1 to 4 in, 2 to 4 out.
+"""Points in the SPZ format, versions 1 to 4 in, 3 and 4 out.
 
 Attribute by attribute: positions as 24-bit fixed point (version 1: float16), opacities and colours as bytes, logarithms
 of scales as bytes, rotations as the three smallest components (versions 1 and 2: x, y, z as bytes), and higher SH
@@ -23,11 +23,12 @@ from ..errors import InputError
 from ..gaussian.gaussians import Gaussians
 from ..gaussian.notes import YES
 from ..gaussian.quaternions import from_smallest_three, normalize_quats, smallest_three
+from . import SPZ_VERSIONS
 from .assembly import Contents, PointCloud, WriteOptions, cut_degree_note
 from .axes import HALF_TURN, QUAT_SIGNS, SPZ_AXES, from_spz_system, half_turned, sh_signs
-from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, WRITES, SpzHeader, pack_blocks, read_blocks
+from .spz_streams import MAX_DEGREE, MAX_FRACTIONAL_BITS, SpzHeader, pack_blocks, read_blocks
 
-_MAX_DEGREE = {2: 3, 3: 3, 4: MAX_DEGREE}
+_MAX_DEGREE = {3: 3, 4: MAX_DEGREE}
 """The highest SH degree that readers of a version know."""
 
 _COLOUR_SCALE = 0.15
@@ -40,12 +41,12 @@ def write_spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[s
     """Write Gaussians of any shape as points; what the format could not keep, one line each.
 
     Raises:
-        InputError: another version than those of WRITES, or positions too far away for the format.
+        InputError: another version than those of SPZ_VERSIONS, or positions too far away for the format.
         ImportError: version 4, and zstandard is not installed.
     """
     version, cloud = options.spz_version, PointCloud.of(gaussians)
-    if version not in WRITES:
-        raise InputError(f"{version}, expected {', '.join(map(str, WRITES))}", where="SPZ version")
+    if version not in SPZ_VERSIONS:
+        raise InputError(f"{version}, expected {', '.join(map(str, SPZ_VERSIONS))}", where="SPZ version")
     gaussians = cloud.gaussians
     degree = min(gaussians.degree, _MAX_DEGREE[version])
     notes = cut_degree_note(gaussians, _MAX_DEGREE[version], f".spz version {version}")
@@ -68,7 +69,7 @@ def write_spz(path: Path, gaussians: Gaussians, options: WriteOptions) -> list[s
         _bytes(gaussians.opacities.astype(np.float64) * 255)[:, None],
         _bytes(colour),
         _bytes(scale_codes),
-        _pack_first_three(quats) if version == 2 else _pack_smallest_three(quats),
+        _pack_smallest_three(quats),
         _quantise_sh(sh[:, 1:] * sh_signs(degree)[1:, None], options.sh_bits).reshape(len(points), -1),
     ]
     header = SpzHeader(version, len(points), degree, bits, bool(gaussians.notes.antialiased))
@@ -166,12 +167,8 @@ def _unpack_smallest_three(octets: NDArray) -> NDArray:
     return np.roll(from_smallest_three(packed[:, 0] >> 30, three), 1, axis=1)
 
 
-def _pack_first_three(quats: NDArray) -> NDArray:
-    """(N, 3) bytes of unit quaternions wxyz: x, y, z with w made positive."""
-    return _bytes((quats[:, 1:] * np.where(quats[:, :1] < 0, -1, 1) + 1) * 127.5)
-
-
 def _unpack_first_three(octets: NDArray) -> NDArray:
+    """Quaternions wxyz of (N, 3) bytes: x, y, z where w is positive."""
     xyz = octets / 127.5 - 1
     w = np.sqrt(np.maximum(1 - (xyz**2).sum(axis=1, keepdims=True), 0))
     return np.concatenate([w, xyz], axis=1)

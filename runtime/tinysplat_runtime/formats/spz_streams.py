@@ -25,8 +25,8 @@ from ..errors import InputError
 from ..system.files import parsing
 from .axes import SPZ_AXES, SPZ_SYSTEMS
 
-READS, WRITES = (1, 2, 3, 4), (2, 3, 4)
-"""Versions in and out."""
+READS = (1, 2, 3, 4)
+"""Versions that are read."""
 
 MAX_DEGREE = 4
 MAX_FRACTIONAL_BITS = 30  # readers shift a 32-bit 1 by it
@@ -79,7 +79,7 @@ def pack_blocks(header: SpzHeader, blocks: Sequence[NDArray]) -> bytes:
     """A file's bytes; the same blocks give the same bytes.
 
     Args:
-        header: of one of the versions of WRITES.
+        header: of one of SPZ_VERSIONS.
         blocks: (N, width) uint8 in the order of `SpzHeader.widths`.
 
     Raises:
