@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,8 @@ from ..gaussian.editing import select_views
 from ..gaussian.gaussians import Gaussians
 from ..list.training.photos import targets_of
 from ..render import Renderer
+from ..scene.neighbours import nearest_places, view_places
 from ..scene.scenes import Scene
-from ..scene.viewpoints import distances
 from ..system.told import NOBODY, Told
 
 LEAST_ALIKE, LEAST_OWN = 0.45, 0.85
@@ -91,7 +92,8 @@ class _Sight:
             scene = scene.resized(round(share * camera.height), round(share * camera.width))
         self._gaussians, self._threads = gaussians, threads
         self._targets = targets_of(scene.cameras, scene.frames)
-        self._order = [np.argsort(distances(camera, gaussians.cameras), kind="stable") for camera in gaussians.cameras]
+        places = view_places(scene.cameras, *scene.depth_range())
+        self._nearest = nearest_places(places, len(places) - 1).tolist()
         self._known = dict[tuple[int, tuple[int, ...]], float]()
 
     def alike(self, view: int, without: Collection[int]) -> float:
@@ -122,8 +124,8 @@ class _Sight:
 
     def _near(self, view: int, without: Collection[int]) -> tuple[int, ...]:
         """The photos whose Gaussians show one, but some, in order."""
-        near = [int(other) for other in self._order[view] if other not in without]
-        return tuple(sorted(near[:SHOWING]))
+        near = (other for other in (view, *self._nearest[view]) if other not in without)
+        return tuple(sorted(islice(near, SHOWING)))
 
 
 def likeness(picture: NDArray, photo: NDArray, known: NDArray) -> float:

@@ -21,7 +21,7 @@ NEAREST = 2
 """Viewpoints that a camera between them is corrected by."""
 
 SAME = 1e-6
-"""Of `distances`: nearer cameras are the same."""
+"""Nearer cameras are the same, as distances of docs/FORMAT.md, CAMS, are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> tuple[Camera, NDA
     """
     if not any(isinstance(viewpoint, Viewpoint) for viewpoint in viewpoints):
         return camera, np.ones(3)
-    apart = distances(camera, viewpoints)
+    apart = _distances(camera, *_poses(viewpoints))
     if apart.min() > SAME:
         alone = np.array([viewpoint_of(viewpoint).is_alone for viewpoint in viewpoints])
         apart[alone] += np.ptp(apart) + 1
@@ -87,11 +87,26 @@ def corrected(camera: Camera, viewpoints: Sequence[Camera]) -> tuple[Camera, NDA
     return stepped(camera, turn, shift), np.exp(log_gain)
 
 
-def distances(camera: Camera, viewpoints: Sequence[Camera]) -> NDArray:
+def nearest_viewpoints(viewpoints: Sequence[Camera]) -> NDArray:
+    """(V, `NEAREST`) int64: those of the others that a camera at each would be corrected by."""
+    poses, nearest = _poses(viewpoints), np.empty((len(viewpoints), min(NEAREST, len(viewpoints))), np.int64)
+    for v, viewpoint in enumerate(viewpoints):
+        apart = _distances(viewpoint, *poses)
+        apart[v] = np.inf
+        nearest[v] = np.argsort(apart, kind="stable")[:NEAREST]
+    return nearest
+
+
+def _poses(viewpoints: Sequence[Camera]) -> tuple[NDArray, NDArray]:
+    """Centres (V, 3) and rotations (V, 3, 3)."""
+    c2w = np.array([viewpoint.c2w[:3] for viewpoint in viewpoints])
+    return c2w[..., 3], c2w[..., :3]
+
+
+def _distances(camera: Camera, centres: NDArray, rotations: NDArray) -> NDArray:
     """(V,) float64 how far a camera is from each: in places, over how far apart these lie, and in radians."""
-    centres = np.array([viewpoint.centre for viewpoint in viewpoints])
     spread = math.sqrt(np.square(centres - centres.mean(axis=0)).sum(axis=1).mean()) or 1.0
-    turned = np.array([viewpoint.c2w[:3, :3] for viewpoint in viewpoints]) - camera.c2w[:3, :3]
+    turned = rotations - camera.c2w[:3, :3]
     return np.linalg.norm(centres - camera.centre, axis=1) / spread + np.linalg.norm(turned, axis=(1, 2)) / math.sqrt(2)
 
 

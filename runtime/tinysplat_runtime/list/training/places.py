@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...scene.cameras import Camera
 from ...scene.frusta import middle_depth
-from ...scene.viewpoints import NEAREST, Viewpoint, distances, stepped
+from ...scene.viewpoints import Viewpoint, nearest_viewpoints, stepped
 from .descent import RunningMean
 from .settings import Settings
 
@@ -76,10 +76,7 @@ class Places:
     def viewpoints(self) -> tuple[Camera, ...]:
         """The cameras as they were given, with their steps."""
         shown = self._shown()
-        apart = np.array([distances(camera, self.given) for camera in self.given])
-        np.fill_diagonal(apart, np.inf)
-        near = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
-        off = np.linalg.norm(shown - shown[near].mean(axis=1), axis=1)
+        off = np.linalg.norm(shown - shown[nearest_viewpoints(self.given)].mean(axis=1), axis=1)
         alone = off > ALONE * np.median(off)
         return tuple(
             Viewpoint.of(camera, turn=step[:3], shift=step[3:], is_alone=bool(is_alone))
