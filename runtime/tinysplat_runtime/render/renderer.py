@@ -100,8 +100,8 @@ class Renderer:
         cut = list(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
         row_bytes = 56 + 4 * 3 * gaussians.sh.shape[-2]
         self._parts = cut
-        self._compiled = module.Rasteriser(cut, keep, self._run) if module else None
-        self._keeps = keep and not module and sum(part.size for part in cut) * row_bytes <= KEPT_BYTES
+        self._keeps = keep and sum(part.size for part in cut) * row_bytes <= KEPT_BYTES
+        self._compiled = module.Rasteriser(cut, self._keeps, self._run) if module else None
         self._block = cache(lambda number: cut[number].block())
         self._splats = Splats(0)
         self._work = Workspace()
