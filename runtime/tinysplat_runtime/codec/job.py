@@ -44,7 +44,7 @@ class EncodeStats:
         clipped: samples outside the representable range, by class label.
         watch: seconds per stage.
         mode: what the file carries; see `modes`.
-        left_out: Gaussians of no pixels that pictures hardly need.
+        left_out: Gaussians of a list that pictures hardly need.
         psnr: of a list, dB of pictures of the whole file against those of all that was given.
         views: where these were looked at from, for people.
     """

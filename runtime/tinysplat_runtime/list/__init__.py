@@ -1,1 +1,1 @@
-"""Gaussians that belong to no pixels: how they are trained from photos, pruned, and coded."""
+"""Lists, Gaussians that are pixels of no view: how they are trained from photos, pruned, and coded."""

@@ -1,5 +1,5 @@
-"""Views that Gaussians of no pixels are looked at from: where their photos were taken if that is known, else from all
-sides, far and near, and from within rooms.
+"""Views that a list is looked at from: where its photos were taken if that is known, else from all sides, far and near,
+and from within rooms.
 
 Some views decide what is left out; others, beside them, whether what is left is merged and corrected, and what all of
 that costs.

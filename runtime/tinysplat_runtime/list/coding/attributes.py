@@ -1,4 +1,4 @@
-"""Gaussians of no pixels as channels, and back: the maps of docs/FORMAT.md, section 4, "Free Gaussians".
+"""A list as channels, and back: the maps of docs/FORMAT.md, section 4, "Lists".
 
 All arithmetic is float64.
 

@@ -1,4 +1,4 @@
-"""Gaussians of no pixels to a file's bytes, as often as a search for a size or a quality wants.
+"""A list to a file's bytes, as often as a search for a size or a quality wants.
 
 Tiers (`levels`) are coded one after the other, with one grid, one set of gains and one basis of colours for all.
 
@@ -67,7 +67,7 @@ from .steps import DENSE_PLACE, OBJECT, OBJECT_DB, PLACE_DB, SPARSE, Steps, of_p
 ROUND, LONGEST, COARSEST_TURN = 1.5, 80, 16.0
 """How a round Gaussian is turned does not show: steps of rotation are as many times coarser as the logarithm of the
 ratio of the largest to the smallest scale, in this percentile of Gaussians, goes into the first number; at most so
-many times. Trained scenes have 3.7 and more, fused captures 0.2.
+many times. Trained scenes have 3.7 and more, all pixels of a capture 0.2.
 """
 
 EVEN_SIZES = 8.0

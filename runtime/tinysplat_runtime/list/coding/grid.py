@@ -1,4 +1,4 @@
-"""Where Gaussians of no pixels can lie: a grid in the scene's bulk, and on logarithms beyond."""
+"""Where Gaussians of a list can lie: a grid in the scene's bulk, and on logarithms beyond."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ OBJECT = _steps(0.08, (0.28, 0.68, 1.5), 0.12, (0.33, 0.165, 0.165), 0.5)
 """Of many small Gaussians seen from outside: the thickness of discs hardly shows, that of needles does."""
 
 DENSE_PLACE = replace(_steps(0.04, (0.196, 0.75, 1.65), 0.12, (0.14, 0.07, 0.07), 0.48), by_size=False)
-"""Of a fused capture seen from within: Gaussians are as large as pixels, whose errors of colour do not cancel."""
+"""Of all pixels of a capture, seen from within: as large as these, Gaussians have errors of colour that add up."""
 
 SPARSE = replace(_steps(0.05, (0.085, 0.24, 0.2), 0.055, (0.15, 0.1, 0.1), 0.2), sparse=1.0, by_size=False)
 """Of Gaussians that cover several pixels."""

@@ -1,4 +1,4 @@
-"""Steps down the gradient of pictures, a picture at a time, for Gaussians of no pixels."""
+"""Steps down the gradient of pictures, a picture at a time, for Gaussians of a list."""
 
 from __future__ import annotations
 

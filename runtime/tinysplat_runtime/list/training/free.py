@@ -1,4 +1,4 @@
-"""Gaussians that belong to no pixels and may move anywhere: how well they draw a picture, and what would mend it."""
+"""Gaussians of a list, which may move anywhere: how well they draw a picture, and what would mend it."""
 
 from __future__ import annotations
 

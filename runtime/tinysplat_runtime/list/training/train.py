@@ -1,4 +1,4 @@
-"""A sparse scene: Gaussians of a capture's pixels, a few for all photos, corrected until they show these.
+"""How a list is made: Gaussians of a capture's pixels, a few for all photos, corrected until they show these.
 
 Every step draws a photo, small at first, as 3DGS defines, takes the gradient of what it lacks, and moves, turns,
 scales, fades and colours all Gaussians by Adam. Now and then Gaussians that show nothing go, and pixels where photos
@@ -112,7 +112,7 @@ def trained(
         (N,) Gaussians of SH degree 0, 1 or 2, whose viewpoints the cameras of the photos are.
 
     Raises:
-        InputError: Gaussians of no pixels or of one view, or other photos.
+        InputError: a list, Gaussians of one view, or other photos.
     """
     if len(capture.cameras) < 2 or len(targets) != len(capture.cameras):
         found = f"{len(capture.cameras)} views and {len(targets)} photos, expected per-pixel Gaussians of two or more"
