@@ -8,12 +8,15 @@ import subprocess
 import sys
 import warnings
 import weakref
+from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
 from types import ModuleType
 
 import pytest
 
 from tinysplat_runtime.cli import main
+from tinysplat_runtime.cli.asks import Quiet
+from tinysplat_runtime.cli.options import add_options
 from tinysplat_runtime.errors import InputError, InputWarning
 from tinysplat_runtime.scene.lenses import load_pycolmap
 
@@ -34,7 +37,12 @@ def module(run: Callable[..., object], needs: tuple[str, ...] = ()) -> ModuleTyp
     """A command as another package has it, with an option."""
     made = ModuleType("command")
     made.HELP, made.run, made.NEEDS = "does", run, needs  # type: ignore[attr-defined]
-    made.configure = lambda parser: parser.add_argument("--x", type=int, default=7)  # type: ignore[attr-defined]
+
+    def configure(parser: ArgumentParser) -> None:
+        add_options(parser, Quiet)
+        parser.add_argument("--x", type=int, default=7)
+
+    made.configure = configure  # type: ignore[attr-defined]
     return made
 
 

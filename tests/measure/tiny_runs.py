@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tinysplat.commands.bench import measure_studies
 from tinysplat.measure.rows import ROWS, Row, RowFile
-from tinysplat.measure.study import Options, Run
+from tinysplat.measure.study import Run, StudyOptions
 from tinysplat_runtime.api import Runtime
 
 
@@ -20,7 +20,7 @@ class TinyRun(Run):
 def tiny_run(folder: Path, *paths: Path, **options: object) -> TinyRun:
     """A run on inputs, or on the built-in ones, with `options` as the command line has them; rows go to `folder`."""
     options = {"size": (48, 64), **options}
-    return TinyRun(True, Runtime(threads=1), RowFile(folder / ROWS), paths, "sweep", Options(**options))
+    return TinyRun(True, Runtime(threads=1), RowFile(folder / ROWS), paths, "sweep", StudyOptions(**options))
 
 
 def shows(text: str, value: float) -> bool:

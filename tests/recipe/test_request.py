@@ -14,9 +14,9 @@ import tinysplat_runtime as ts
 from tinysplat_runtime.cli.parser import build_parser
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe import request
-from tinysplat_runtime.recipe.options import Options
 from tinysplat_runtime.recipe.request import CompressRequest, EncodeRequest, ExportRequest
 from tinysplat_runtime.recipe.words import AutoViews, Training
+from tinysplat_runtime.system.options import Options
 
 REQUESTS = {"encode": EncodeRequest, "compress": CompressRequest, "convert": ExportRequest}
 
@@ -136,7 +136,7 @@ def test_pythons_functions_declare_every_option_and_no_other(door, kind: type[Op
 
 
 def test_a_command_line_takes_back_what_is_on_by_itself() -> None:
-    from tinysplat_runtime.cli.given import asked
+    from tinysplat_runtime.cli.options import asked
 
     parse = build_parser()[1].choices["encode"].parse_args
     said, unsaid = (

@@ -21,13 +21,13 @@ from tinysplat_runtime.container.inspection import inspect_bytes
 from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError, InputWarning, TinySplatError
 from tinysplat_runtime.graphs.providers import providers_of
-from tinysplat_runtime.recipe import words
 from tinysplat_runtime.recipe.encode import encode as encode_photos
-from tinysplat_runtime.recipe.options import Options, option
 from tinysplat_runtime.recipe.report import encode_report
 from tinysplat_runtime.recipe.request import EncodeRequest
+from tinysplat_runtime.system import kinds
 from tinysplat_runtime.system.files import is_plain_name
 from tinysplat_runtime.system.jsonfields import JsonObject
+from tinysplat_runtime.system.options import Options, option
 from tinysplat_runtime.system.told import Told
 
 from .storage import join, local_folder, read, write
@@ -44,10 +44,10 @@ class Keep(Options):
     """What a batch has besides the request of a scene."""
 
     provider: str | None = option(
-        words.text, metavar="NAME[:K=V,…]", help="of onnxruntime; `tinysplat doctor` lists them"
+        kinds.text, metavar="NAME[:K=V,…]", help="of onnxruntime; `tinysplat doctor` lists them"
     )
-    report: bool = option(words.flag, False, help="also write DIR/NAME.json, as encode does")
-    save_gaussians: bool = option(words.flag, False, help="also write DIR/NAME.npz of the network")
+    report: bool = option(kinds.flag, False, help="also write DIR/NAME.json, as encode does")
+    save_gaussians: bool = option(kinds.flag, False, help="also write DIR/NAME.npz of the network")
 
 
 OPTIONS = {*EncodeRequest.options(), *Keep.options(), "auto"} - {"focal", "baseline"}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from argparse import SUPPRESS, ArgumentParser, Namespace
+from argparse import ArgumentParser, Namespace
 from collections import deque
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,17 +16,62 @@ from tinysplat.batch.jobs import CODE, Keep, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat.workers import Work, run_processes
-from tinysplat_runtime.cli.arguments import byte_count, count, positive
-from tinysplat_runtime.cli.given import asked
-from tinysplat_runtime.cli.options import add_options, add_threads
+from tinysplat_runtime.cli.asks import Quiet
+from tinysplat_runtime.cli.options import add_options, asked
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import VIDEO, EncodeRequest
+from tinysplat_runtime.system import kinds
 from tinysplat_runtime.system.jsonfields import JsonObject
+from tinysplat_runtime.system.options import REQUIRED, option
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
 
 HELP = "many scenes to files, here or on a Ray cluster"
+
+
+MACHINES = "machines and failures"
+"""A group of options."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch(Quiet):
+    """What the command asks for beside what it does with each scene."""
+
+    manifest: str = option(kinds.text, REQUIRED, is_bare=True, metavar="MANIFEST", help="")  # its description tells
+    output: str = option(
+        kinds.text, REQUIRED, short="o", metavar="DIR", help=f"folder or URL; {RESULTS} goes there, too"
+    )
+    allow: tuple[str, ...] = option(
+        kinds.text,
+        (),
+        is_many=True,
+        metavar="|".join(CODE),
+        choices=CODE,
+        help="let MANIFEST say what is loaded; repeat for both",
+    )
+    engine: str = option(
+        kinds.text,
+        "processes",
+        group=MACHINES,
+        metavar="processes|ray",
+        choices=("processes", "ray"),
+        help="default: processes",
+    )
+    address: str | None = option(
+        kinds.text, group=MACHINES, metavar="ADDRESS", help="a Ray cluster's; default: one of this machine"
+    )
+    workers: int | None = option(kinds.count, group=MACHINES, metavar="N", help="scenes at a time; default: all cores")
+    threads: int = option(kinds.count, 1, group=MACHINES, metavar="N", help="of each; default 1; changes no result")
+    attempts: int = option(kinds.count, 3, group=MACHINES, metavar="N", help="per scene, if a worker dies; default 3")
+    timeout: float | None = option(
+        kinds.positive, group=MACHINES, metavar="S", help="seconds that a scene may take; default: any"
+    )
+    max_memory: int | None = option(
+        kinds.byte_count, group=MACHINES, metavar="SIZE", help="of a worker, such as 4GB; default: any"
+    )
+    retry_failed: bool = option(kinds.flag, False, group=MACHINES, help="only the scenes that failed in the run before")
+    json_lines: bool = option(kinds.flag, False, group=MACHINES, help="a JSON object per scene on standard output")
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -35,66 +81,45 @@ def configure(parser: ArgumentParser) -> None:
         "Codes the scenes of MANIFEST, a path, URL or JSON object per line, to DIR/NAME.tsplat. Run again, it skips"
         " what is done and valid."
     )
-    parser.add_argument("manifest", metavar="MANIFEST", help=SUPPRESS)  # the lines above tell what it is
-    parser.add_argument(
-        "-o", "--output", required=True, metavar="DIR", help=f"folder or URL; {RESULTS} goes there, too"
-    )
-    machines = parser.add_argument_group("machines and failures")
-    machines.add_argument("--engine", choices=("processes", "ray"), default="processes", help="default: processes")
-    machines.add_argument("--address", metavar="ADDRESS", help="a Ray cluster's; default: one of this machine")
-    machines.add_argument("--workers", type=count, metavar="N", help="scenes at a time; default: all cores")
-    machines.add_argument(
-        "--attempts", type=count, default=3, metavar="N", help="per scene, if a worker dies; default 3"
-    )
-    machines.add_argument("--timeout", type=positive, metavar="S", help="seconds that a scene may take; default: any")
-    machines.add_argument(
-        "--max-memory", type=byte_count, metavar="SIZE", help="of a worker, such as 4GB; default: any"
-    )
-    machines.add_argument("--retry-failed", action="store_true", help="only the scenes that failed in the run before")
-    machines.add_argument("--json-lines", action="store_true", help="a JSON object per scene on standard output")
-    add_threads(machines)
-    add_options(parser, EncodeRequest, without=(VIDEO,))
-    add_options(parser, Keep)
-    parser.add_argument(
-        "--allow", action="append", choices=CODE, default=[], help="let MANIFEST say what is loaded; repeat for both"
-    )
+    add_options(parser, Batch, EncodeRequest, Keep, without=(VIDEO,))
 
 
 def run(args: Namespace) -> int:
     """Run the batch; exit status 2 where scenes failed, with their number on standard error."""
-    if args.address and args.engine != "ray":
+    own = asked(args, Batch)
+    if own.address and own.engine != "ray":
         raise InputError("an address is for --engine ray", where="--address")
-    base = args.manifest.rpartition("/")[0] or "."
+    base = own.manifest.rpartition("/")[0] or "."
+    options = {**asked(args, EncodeRequest, "", without=(VIDEO,)).given(), **asked(args, Keep).given()}
     try:
-        options = {**asked(args, EncodeRequest, "", without=(VIDEO,)).given(), **asked(args, Keep).given()}
-        jobs = read_manifest(_manifest(args.manifest), args.output, options, base, args.allow)
+        jobs = read_manifest(_manifest(own.manifest), own.output, options, base, own.allow)
     except InputError as error:
-        raise error.within(args.manifest) from None
-    work: Work = partial(encode, threads=args.threads or 1)
-    if args.timeout or args.max_memory:
-        work = partial(bounded, work=work, timeout=args.timeout, memory=args.max_memory)
-    scheduled = {"work": work, "workers": args.workers or available_cores(), "attempts": args.attempts}
+        raise error.within(own.manifest) from None
+    work: Work = partial(encode, threads=own.threads)
+    if own.timeout or own.max_memory:
+        work = partial(bounded, work=work, timeout=own.timeout, memory=own.max_memory)
+    scheduled: JsonObject = {"work": work, "workers": own.workers or available_cores(), "attempts": own.attempts}
     engine: Engine = partial(run_processes, **scheduled)
-    if args.engine == "ray":
-        engine = partial(run_ray, **scheduled, address=args.address)
+    if own.engine == "ray":
+        engine = partial(run_ray, **scheduled, address=own.address)
     said: deque[str] = deque(maxlen=1)
-    with working("batch", quiet=args.quiet, note=lambda: "".join(said)):
+    with working("batch", quiet=own.quiet, note=lambda: "".join(said)):
         document = run_batch(
             jobs,
-            args.output,
+            own.output,
             engine,
-            partial(_say, said, as_json=args.json_lines, quiet=args.quiet),
-            only_failed=args.retry_failed,
+            partial(_say, said, as_json=own.json_lines, quiet=own.quiet),
+            only_failed=own.retry_failed,
         )
-    if not args.quiet and not args.json_lines:
-        place = join(args.output, RESULTS)
+    if not own.quiet and not own.json_lines:
+        place = join(own.output, RESULTS)
         print(
             f"{place}: {document['done']} of {document['of']} scenes, {document['skipped']} done before,"
             f" {document['scenes_per_second']:.2f} scenes/s"
         )
     if document["failed"]:
         failed = {name: r["error"] for name, r in document["scenes"].items() if r["status"] == "failed"}
-        is_said = not (args.quiet or args.json_lines or sys.stderr.isatty())  # in a line of its own
+        is_said = not (own.quiet or own.json_lines or sys.stderr.isatty())  # in a line of its own
         lines = [] if is_said else [printable(f"{name}: {error}") for name, error in failed.items()]
         count = f"tinysplat: {len(failed)} scene{'s' if len(failed) > 1 else ''} failed"
         print(count, *lines, sep=": " if len(lines) == 1 else "\n  ", file=sys.stderr)

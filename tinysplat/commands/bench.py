@@ -5,24 +5,25 @@ from __future__ import annotations
 import time
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from tinysplat.measure.machine import run_row
 from tinysplat.measure.pages import fill_pages, write_report
 from tinysplat.measure.rows import ROWS, Row, RowFile
 from tinysplat.measure.studies import ORDINARY, STUDIES, find_study
-from tinysplat.measure.study import Options, Run
+from tinysplat.measure.study import Run, StudyOptions
 from tinysplat_runtime.api import Runtime
-from tinysplat_runtime.cli.arguments import indices, size
-from tinysplat_runtime.cli.options import add_threads
+from tinysplat_runtime.cli.asks import Quiet
+from tinysplat_runtime.cli.files import Threads
+from tinysplat_runtime.cli.options import add_options, asked
 from tinysplat_runtime.cli.outputs import made_folder
 from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
+from tinysplat_runtime.system import kinds
+from tinysplat_runtime.system.options import option
 from tinysplat_runtime.system.voice import Voice
-
-from .eval import numbers
 
 HELP = "error against run time, report with plots"
 NEEDS = ("matplotlib",)
@@ -30,6 +31,26 @@ NEEDS = ("matplotlib",)
 DEFAULT_FOLDER = "bench_report"
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench(Threads, Quiet):
+    """What the command asks for."""
+
+    words: tuple[str, ...] = option(
+        kinds.text,
+        (),
+        is_bare=True,
+        is_many=True,
+        metavar="STUDY … INPUT …",
+        help="studies, then scene folders or Gaussian files",
+    )
+    output: str = option(
+        kinds.path, DEFAULT_FOLDER, short="o", metavar="FOLDER", help=f"the report's folder; default {DEFAULT_FOLDER}"
+    )
+    quick: bool = option(kinds.flag, False, help="the short form: smaller pictures, fewer variants")
+    docs: bool = option(kinds.flag, False, help="fill pages from rows")
+    model: str = option(kinds.text, DEFAULT_MODEL, metavar="NAME|FILE.onnx", help=f"network; default {DEFAULT_MODEL}")
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -40,46 +61,24 @@ def configure(parser: ArgumentParser) -> None:
         f" any, {', '.join(ORDINARY)} are measured; without INPUT, on scenes of its own. Studies"
         f" (docs/MEASURING.md): {', '.join(STUDIES)}."
     )
-    parser.add_argument(
-        "words", nargs="*", metavar="STUDY … INPUT …", help="studies, then scene folders or Gaussian files"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        default=DEFAULT_FOLDER,
-        metavar="FOLDER",
-        help=f"the report's folder; default {DEFAULT_FOLDER}",
-    )
-    parser.add_argument("--quick", action="store_true", help="the short form: smaller pictures, fewer variants")
-    parser.add_argument("--docs", action="store_true", help="fill pages from rows")
-    parser.add_argument(
-        "--model", default=DEFAULT_MODEL, metavar="NAME|FILE.onnx", help=f"network; default {DEFAULT_MODEL}"
-    )
-    add_threads(parser)
-    of = parser.add_argument_group("options of some studies")
-    of.add_argument("--qp", dest="qps", type=numbers, default=(), metavar="Q,Q", help="Q_g; default the study's")
-    of.add_argument("--views", type=indices, default=(), metavar="N,N", help="numbers of photos; growth, walk")
-    of.add_argument("--limit", type=int, metavar="N", help="measure only lists, up to this size; growth")
-    of.add_argument("--size", type=size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
-    of.add_argument("--drawn", type=size, metavar="WxH", help="of pictures to judge; default --size; walk, gate")
-    of.add_argument("--mode", metavar="MODE", help="of files, as of encode; gate")
+    add_options(parser, Bench, StudyOptions)
 
 
 def run(args: Namespace) -> None:
     """Measure, write the folder, print the main lines."""
-    if args.docs:
-        _fill(quiet=args.quiet)
+    own, options = asked(args, Bench), asked(args, StudyOptions)
+    if own.docs:
+        _fill(quiet=own.quiet)
         return
-    studies, inputs = split_words(args.words)
-    find_artifact(args.model, "network")
-    folder = made_folder(args.output)
-    options = Options(**{one.name: getattr(args, one.name) for one in fields(Options)})
-    bench = Run(args.quick, Runtime(threads=args.threads), RowFile(folder / ROWS), inputs, args.model, options)
-    measured = measure_studies(bench, studies, quiet=args.quiet)
+    studies, inputs = split_words(own.words)
+    find_artifact(own.model, "network")
+    folder = made_folder(own.output)
+    bench = Run(own.quick, Runtime(threads=own.threads), RowFile(folder / ROWS), inputs, own.model, options)
+    measured = measure_studies(bench, studies, quiet=own.quiet)
     if not measured:
         raise InputError("; ".join(bench.left_out[:1]) or "nothing could be measured", where="bench")
     path = write_report(folder, list(bench.store), bench.left_out)
-    if not args.quiet:
+    if not own.quiet:
         print("\n".join([f"{len(measured)} rows", *bench.left_out]))
     print(path)
 

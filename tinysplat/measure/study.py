@@ -12,6 +12,8 @@ from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.scene.intake.cameras_json import CAMERAS_FILE
 from tinysplat_runtime.scene.intake.layouts import load_scene
 from tinysplat_runtime.scene.scenes import Scene
+from tinysplat_runtime.system import kinds
+from tinysplat_runtime.system.options import Options, option
 
 from .rows import Row, RowFile
 from .show.tables import Table
@@ -37,25 +39,31 @@ class Study:
     plots: Mapping[str, Plot] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Options:
-    """What the command line adds to a study; each takes what concerns it.
+OF_STUDIES = "options of some studies"
+"""A group of options."""
 
-    Attributes:
-        qps: Q_g; empty for the study's own.
-        views: numbers of photos; empty for the study's own.
-        limit: the largest list, and lists alone; None for the usual ones.
-        size: (height, width) of photos, or None for the study's own.
-        drawn: (height, width) that pictures of captures are drawn and judged at, or None for that of photos.
-        mode: of files that `encode` makes, or None for the usual one.
-    """
 
-    qps: tuple[float, ...] = ()
-    views: tuple[int, ...] = ()
-    limit: int | None = None
-    size: tuple[int, int] | None = None
-    drawn: tuple[int, int] | None = None
-    mode: str | None = None
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(Options):
+    """What the command line adds to a study; each takes what concerns it."""
+
+    qp: tuple[float, ...] = option(
+        kinds.numbers(), (), metavar="Q,Q", group=OF_STUDIES, help="Q_g; default the study's"
+    )
+    views: tuple[int, ...] = option(
+        kinds.indices, (), metavar="N,N", group=OF_STUDIES, help="numbers of photos; growth, walk"
+    )
+    limit: int | None = option(
+        kinds.count, metavar="N", group=OF_STUDIES, help="measure only lists, up to this size; growth"
+    )
+    size: tuple[int, int] | None = option(
+        kinds.size, metavar="WxH", group=OF_STUDIES, help="of photos; default 256x256, quick 128x128"
+    )
+    drawn: tuple[int, int] | None = option(
+        kinds.size, metavar="WxH", group=OF_STUDIES, help="of pictures to judge; default --size; walk, gate"
+    )
+    """At which pictures of captures are drawn."""
+    mode: str | None = option(kinds.text, metavar="MODE", group=OF_STUDIES, help="of files, as of encode; gate")
 
 
 @dataclass
@@ -78,7 +86,7 @@ class Run:
     store: RowFile
     paths: Sequence[Path] = ()
     model: str = DEFAULT_MODEL
-    options: Options = field(default_factory=Options)
+    options: StudyOptions = field(default_factory=StudyOptions)
     left_out: list[str] = field(default_factory=list)
 
     @property

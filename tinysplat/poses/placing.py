@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.scene.images import image_size
 from tinysplat_runtime.scene.lenses import load_pycolmap
+from tinysplat_runtime.scene.masks import Mask
 from tinysplat_runtime.system.told import NOBODY, Told
 
 from .judging import Placement, judged
@@ -53,6 +54,20 @@ _SMALL_FEATURES, _FEATURES, _PIXELS = 4096, 2048, 1600  # of a photo; larger pho
 
 class NonePlacedError(InputError):
     """Photos of which not even two could be placed."""
+
+
+class Taken(NamedTuple):
+    """Photos of a working folder, and where they were taken.
+
+    Attributes:
+        names: what messages call each, by its name there.
+        masks: by that name; what a photo without one shows counts everywhere.
+        placement: of those that could be placed.
+    """
+
+    names: Mapping[str, str]
+    masks: Mapping[str, Mask]
+    placement: Placement
 
 
 def place(

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tinysplat_runtime.errors import warn
 from tinysplat_runtime.scene.images import image_size, read_image
 from tinysplat_runtime.scene.masks import Mask
 from tinysplat_runtime.scene.matches import corners, matched, place_in_picture, staying
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.resampling import scaled
 from tinysplat_runtime.system.evenly import evenly
+
+from .placing import MASKS
 
 FEWEST, MOST = 5, 24
 """Photos by which that is told, and of which it is sought."""
@@ -27,6 +30,15 @@ LOOK_WIDTH = 384
 
 ROUND = 0.04
 """Of that side, about a corner that stands still, that is left out with it."""
+
+
+def masked_still(source: Path, names: Sequence[str], photos: Path) -> dict[str, Mask]:
+    """Masks of what stands still in all photos, for COLMAP beside their folder, too; says where that is."""
+    masks, where = still_masks(photos, names, photos.with_name(MASKS))
+    if masks:
+        said = f"something stands still at one place of the picture ({where}) while all else moves"
+        warn(f"{source}: {said}: a title, a logo or dirt; it is left out of matching, and masked in the scene")
+    return masks
 
 
 def still_masks(photos: Path, names: Sequence[str], folder: Path) -> tuple[dict[str, Mask], str]:

@@ -11,86 +11,84 @@ from ..container.layout import SUFFIX
 from ..container.list import List
 from ..errors import InputError, within
 from ..formats.viewpoints import found_beside
-from ..graphs.providers import providers_of
 from ..modes import LIST
 from ..network.ways import LEAST_EACH
 from ..recipe.encode import Encoded, listed
 from ..recipe.encode import compress as compress_gaussians
 from ..recipe.encode import encode as encode_photos
 from ..recipe.export import KEEPS_CAMERAS
-from ..recipe.request import CompressRequest, EncodeRequest
+from ..recipe.request import Coding, CompressRequest, EncodeRequest, ExportRequest, Upright
 from ..system.stopwatch import Stopwatch
 from ..system.voice import Voice
-from .files import named, write_file, write_json
-from .given import asked, reading_of, voice_of
+from .asks import Compress, Encode, Reported
+from .files import Reading, Running, write_file, write_json
+from .options import asked, named
 from .outputs import is_standard
-from .parser import OF_EXPORTS
 
 
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file, or to one list of Gaussians in another format."""
-    voice = voice_of(args)
-    runtime = Runtime(threads=args.threads, providers=providers_of(args.provider), told=voice)
-    if not (is_standard(args.output) or args.output.lower().endswith(SUFFIX)):
-        _list(args, voice, runtime)
+    own = asked(args, Encode)
+    request, placed = asked(args, EncodeRequest, own.scene), asked(args, Upright)
+    voice = own.voice
+    runtime = asked(args, Running).runtime(voice)
+    if not (is_standard(own.output) or own.output.lower().endswith(SUFFIX)):
+        _list(own, request, placed, runtime)
         return
-    moved = next((name for name in OF_EXPORTS if getattr(args, name)), None)
-    if moved:
-        fault = f"given with {args.output}, where cameras stay as they are; `tinysplat convert --{moved}` moves it"
+    if moved := next(iter(placed.given()), None):
+        fault = f"given with {own.output}, where cameras stay as they are; `tinysplat convert --{moved}` moves it"
         raise InputError(fault, where=f"--{moved}")
-    request = asked(args, EncodeRequest, args.scene)
-    coded = encode_photos(request, runtime, voice, keep=bool(args.report))
-    _write(coded, voice, args, runtime)
+    coded = encode_photos(request, runtime, voice, keep=bool(own.report))
+    _write(coded, own, runtime, model=request.model)
     if voice.listens:
         _compare(coded, voice, runtime, model=request.model)
 
 
-def _list(args: Namespace, voice: Voice, runtime: Runtime) -> None:
+def _list(own: Encode, request: EncodeRequest, placed: Upright, runtime: Runtime) -> None:
     """Photos to a file for any viewer: a list that is not coded."""
     from ..recipe.export import exported, write_list
-    from ..recipe.request import Coding, ExportRequest
 
-    given = [name for name in (*Coding.options(), "report", "fast") if getattr(args, name, None)]
-    if given or args.mode not in (None, LIST):
+    voice, coding = own.voice, {*Coding.options(), "fast"}
+    given = [name for name in (*request.given(), *own.given()) if name in coding or name == "report"]
+    if given or request.mode not in (None, LIST):
         option = f"--{(given or ['mode'])[0].replace('_', '-')}"
-        raise InputError(f"of .tsplat files, expected none with {args.output}", where=option)
-    args.mode = LIST
-    with named(OF_EXPORTS):
-        request = ExportRequest.of(**{name: getattr(args, name) for name in OF_EXPORTS})
-    gaussians, *_ = listed(asked(args, EncodeRequest, args.scene), runtime, voice)
-    with named(OF_EXPORTS):
-        gaussians = exported([("", gaussians)], args.output, request, runtime, voice)
-    for loss in write_list(args.output, gaussians, request):
-        voice.say("notice", loss, args.output)
-    size = Path(args.output).stat().st_size
-    voice.done(f"{size} bytes, {gaussians.count} Gaussians of SH degree {gaussians.degree}", args.output)
+        raise InputError(f"of .tsplat files, expected none with {own.output}", where=option)
+    gaussians, *_ = listed(replace(request, mode=LIST), runtime, voice)
+    export = ExportRequest(**placed.given())
+    with named(placed.options()):
+        gaussians = exported([("", gaussians)], own.output, export, runtime, voice)
+    for loss in write_list(own.output, gaussians, export):
+        voice.say("notice", loss, own.output)
+    size = Path(own.output).stat().st_size
+    voice.done(f"{size} bytes, {gaussians.count} Gaussians of SH degree {gaussians.degree}", own.output)
 
 
 def compress(args: Namespace) -> None:
     """Gaussians of any network to a .tsplat file."""
-    voice = voice_of(args)
-    reading = replace(reading_of(args, voice), grid=args.grid)
-    runtime, gaussians = reading.runtime(), reading.load(args.gaussians, Stopwatch())
-    if gaussians.viewpoints and not (args.cameras or args.gaussians.endswith(KEEPS_CAMERAS)):
-        used = f"used as cameras of {len(gaussians.viewpoints)} photos"
-        voice.say("notice", used, found_beside(Path(args.gaussians)) or "")
-    with within(args.gaussians):
+    own, reading = asked(args, Compress), asked(args, Reading)
+    voice, runtime = own.voice, reading.runtime(own.voice)
+    gaussians = reading.load(own.file, runtime, Stopwatch(), grid=own.grid)
+    with within(own.file):
         request = asked(args, CompressRequest, gaussians)
-        coded = compress_gaussians(request, runtime, voice, keep=bool(args.report))
-        _write(coded, voice, args, runtime)
+    if gaussians.viewpoints and not (request.cameras or own.file.endswith(KEEPS_CAMERAS)):
+        used = f"used as cameras of {len(gaussians.viewpoints)} photos"
+        voice.say("notice", used, found_beside(Path(own.file)) or "")
+    with within(own.file):
+        coded = compress_gaussians(request, runtime, voice, keep=bool(own.report))
+        _write(coded, own, runtime, model=reading.model)
 
 
-def _write(coded: Encoded, voice: Voice, args: Namespace, runtime: Runtime) -> None:
+def _write(coded: Encoded, own: Reported, runtime: Runtime, *, model: str | None) -> None:
     """Write the file and its report, and say what it is."""
-    data, stats = coded.data, coded.stats
+    data, stats, voice = coded.data, coded.stats, own.voice
     with stats.watch.stage("write"):
-        write_file(args.output, data)
-    if args.report:
+        write_file(own.output, data)
+    if own.report:
         from ..recipe.report import encode_report
 
-        write_json(args.report, encode_report(coded, runtime, model=args.model))
+        write_json(own.report, encode_report(coded, runtime, model=model))
     share = coded.raw_bytes / len(data)
-    voice.done(f"{len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s", args.output)
+    voice.done(f"{len(data)} bytes, 1/{share:.0f} of the raw Gaussians, {coded.seconds:.2f} s", own.output)
     if stats.mode == List.mode:
         if stats.psnr is not None:
             pruned = f"{stats.left_out:,} Gaussians pruned" if stats.left_out else "all Gaussians kept"

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,81 +12,129 @@ from typing import TYPE_CHECKING, Any
 from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
 from ..container.limits import Limits
 from ..errors import InputError, within
+from ..system import kinds
 from ..system.files import read_limited, write_atomically
+from ..system.options import Options, option
 from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
-from ..system.told import NOBODY, Told
+from ..system.told import Told
 from .outputs import STANDARD, is_standard
 
 if TYPE_CHECKING:  # of what a file holds, `info` says without them
     from ..api import Runtime
     from ..gaussian.gaussians import Gaussians
 
+READING, RUNNING = "reading", "running"
+"""Groups of options."""
 
-@dataclass(frozen=True)
-class Reading:
-    """How files are read, by the options that commands share.
 
-    Attributes:
-        threads: None for all cores.
-        provider: onnxruntime's, as `--provider` has it.
-        limits: what a file may ask for.
-        max_bytes: decode from this many first bytes alone; None for all.
-        partial: decode what is intact, and say what is lost.
-        model: the network for a file of photos; None to find it by its hash.
-        views: read these views alone; None for all.
-        grid: (V, H, W) that a list is the pixels of; None for a list, or what the file says.
-        told: who is told how far that is.
-    """
+@dataclass(frozen=True, kw_only=True)
+class Threads(Options):
+    """How many work."""
 
-    threads: int | None
-    provider: str | None
-    limits: Limits
-    max_bytes: int | None
-    partial: bool
-    model: str | None
-    views: Sequence[int] | None = None
-    grid: tuple[int, int, int] | None = None
-    told: Told = NOBODY
+    threads: int | None = option(kinds.count, metavar="N", group=RUNNING, help="default: all cores; changes no result")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Running(Threads):
+    """What runs graphs."""
+
+    provider: str | None = option(
+        kinds.text, metavar="NAME[:K=V,…]", group=RUNNING, help="of onnxruntime (`tinysplat doctor` lists them)"
+    )
+
+    @property
+    def limits(self) -> Limits | None:
+        """What a file may ask for; None for the usual."""
+        return None
+
+    def runtime(self, told: Told) -> Runtime:
+        """A runtime with these options."""
+        from ..api import Runtime
+        from ..graphs.providers import providers_of
+
+        return Runtime(threads=self.threads, providers=providers_of(self.provider), limits=self.limits, told=told)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limited(Options):
+    """What a file may ask for."""
+
+    max_pixels: int | None = option(
+        kinds.count, metavar="N", group=READING, help="refuse files of more Gaussians (67 M)"
+    )
+    max_memory: int | None = option(
+        kinds.byte_count, metavar="SIZE", group=READING, help="refuse files that take more (8GiB)"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading(Running, Limited):
+    """How files are read."""
+
+    max_bytes: int | None = option(
+        kinds.count, metavar="N", group=READING, help="decode the first N bytes (`info` lists some)"
+    )
+    partial: bool = option(kinds.flag, False, group=READING, help="decode what is intact and name what is lost")
+    model: str | None = option(
+        kinds.text, metavar="NAME|FILE.onnx", group=READING, help="the network of a file of photos"
+    )
 
     @property
     def is_in_part(self) -> bool:
         """Whether the file may end before its metadata says that it does."""
         return self.max_bytes is not None or self.partial
 
-    def runtime(self) -> Runtime:
-        """A runtime with these options."""
-        from ..api import Runtime
-        from ..graphs.providers import providers_of
+    @property
+    def limits(self) -> Limits:
+        """What a file may ask for."""
+        usual = Limits()
+        return Limits(self.max_pixels or usual.max_pixels, self.max_memory or usual.max_memory_bytes)
 
-        providers = providers_of(self.provider)
-        return Runtime(threads=self.threads, providers=providers, limits=self.limits, told=self.told)
-
-    def decompress(self, file: str, data: bytes, watch: Stopwatch) -> Gaussians:
-        """Gaussians of a .tsplat file's bytes; errors name the file, and so does the line that says what is lost."""
+    def decompress(
+        self, file: str, data: bytes, runtime: Runtime, watch: Stopwatch, views: Sequence[int] | None = None
+    ) -> Gaussians:
+        """Gaussians of a .tsplat file's bytes, of all views or some; errors name the file, and so does the line that
+        says what is lost.
+        """
         lost: list[str] | None = [] if self.partial else None
         with within(file):
-            gaussians = self.runtime().decompress(
-                data, max_bytes=self.max_bytes, views=self.views, lost=lost, model=self.model, watch=watch
+            gaussians = runtime.decompress(
+                data, max_bytes=self.max_bytes, views=views, lost=lost, model=self.model, watch=watch
             )
         if lost:
             wipe()
             print(f"{file}: lost {len(lost)} of its planes: {', '.join(lost)}", file=sys.stderr)
         return gaussians
 
-    def load(self, file: str, watch: Stopwatch) -> Gaussians:
-        """The Gaussians of a file of any format that holds some; `-` is standard input."""
+    def load(
+        self,
+        file: str,
+        runtime: Runtime,
+        watch: Stopwatch,
+        *,
+        views: Sequence[int] | None = None,
+        grid: tuple[int, int, int] | None = None,
+    ) -> Gaussians:
+        """The Gaussians of a file of any format that holds some.
+
+        Args:
+            file: its name; `-` is standard input.
+            views: those of these alone; None for all.
+            grid: (V, H, W) that a list is the pixels of; None for a list, or what the file says.
+        """
         data = sys.stdin.buffer.read(MAX_FILE_BYTES) if file == STANDARD else None
         if Path(file).suffix.lower() == SUFFIX or (data is not None and data.startswith(MAGIC)):
-            return self.decompress(file, read_limited(file, MAX_FILE_BYTES) if data is None else data, watch)
-        for option, value in (("--max-bytes", self.max_bytes), ("--partial", self.partial or None)):
-            if value is not None:
-                raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=option)
+            data = read_limited(file, MAX_FILE_BYTES) if data is None else data
+            return self.decompress(file, data, runtime, watch, views)
+        if self.is_in_part:
+            word = "--partial" if self.max_bytes is None else "--max-bytes"
+            raise InputError(f"only .tsplat files can be decoded in part, not {file}", where=word)
         from ..gaussian.editing import select_views
 
-        loaded = _other_format(file, data, self.grid)
+        loaded = _other_format(file, data, grid)
         with within(file):
-            return loaded if self.views is None else select_views(loaded, self.views)
+            return loaded if views is None else select_views(loaded, views)
 
 
 def _other_format(file: str, data: bytes | None, grid: tuple[int, int, int] | None) -> Gaussians:
@@ -133,21 +179,3 @@ def write_file(path: str, data: bytes) -> None:
 def write_json(path: str, value: dict[str, Any]) -> None:
     """Write a report, whole or not at all."""
     write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
-
-
-@contextlib.contextmanager
-def named(options: Iterable[str]) -> Iterator[None]:
-    """Fields of a request as the options that they came from."""
-    try:
-        yield
-    except InputError as error:
-        outer, _, name = (error.where or "").rpartition(": ")
-        if name in options:
-            message = re.sub(r"^(given with(?:out)?) (\w+)", lambda one: f"{one[1]} {_option(one[2])}", error.message)
-            option = _option(name)
-            raise InputError(message, where=f"{outer}: {option}" if outer else option) from None
-        raise
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

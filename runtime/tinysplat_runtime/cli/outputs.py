@@ -10,10 +10,18 @@ from pathlib import Path
 
 from ..container.layout import SUFFIX
 from ..errors import InputError
-from .arguments import Input, Output
 
 STANDARD = "-"
 """In place of a file's name: standard input or output."""
+
+
+class Input(str):
+    """Name of a file or folder that a command reads."""
+
+
+class Output(str):
+    """Name of a file, or of a folder, that a command writes."""
+
 
 _URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 
@@ -59,7 +67,7 @@ def check_outputs(args: Namespace) -> None:
     are one file, of which the other may also be an input.
     """
     example = f"scene{_EXAMPLES.get(args.command, SUFFIX)}"
-    is_folder = getattr(args, "as_files", False)
+    is_folder = args.command == "view" and args.files
     inputs, outputs = ([*_names(args, kind)] for kind in (Input, Output))
     for i, (option, path) in enumerate(outputs):
         others = outputs[:i] + ([] if option == "-o" else inputs)

@@ -22,8 +22,9 @@ from ..scene.cameras import Camera
 from ..scene.frusta import middle_depth
 from ..scene.pictures import png_bytes
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
-from .files import read_file, write_file, write_json
-from .given import reading_of, voice_of
+from .asks import Render
+from .files import Reading, read_file, write_file, write_json
+from .options import asked, named
 from .outputs import STANDARD
 
 DEEPEST = 65535
@@ -41,77 +42,69 @@ FPS, PANORAMA = 30, (1024, 2048)
 
 def render(args: Namespace) -> None:
     """A picture or a video of Gaussians."""
-    suffix = ".png" if args.output == STANDARD else Path(args.output).suffix.lower()
+    own, reading, watch = asked(args, Render), asked(args, Reading), Stopwatch()
+    suffix = ".png" if own.output == STANDARD else Path(own.output).suffix.lower()
     if suffix not in (".png", ".mp4"):
-        raise InputError(f"'{suffix}', accepted are .png and .mp4", where=args.output)
-    wants_depth = args.depth or args.depth_values
-    if suffix == ".mp4" and wants_depth:
-        raise InputError("a depth map is a picture; expected an output that ends in .png", where=args.output)
-    if suffix == ".png" and (args.path or args.story):
-        raise InputError("a path makes a video; expected an output that ends in .mp4", where=args.output)
-    if args.path and args.story:
-        raise InputError("goes without --path: a story has a path of its own", where="--story")
-    if args.panorama and (suffix != ".png" or wants_depth):
-        raise InputError("a 360° picture is a .png of colours", where="--panorama")
-    if args.panorama and args.size and args.size[1] != 2 * args.size[0]:
+        raise InputError(f"'{suffix}', accepted are .png and .mp4", where=own.output)
+    with named(own.options()):
+        own.check_output("-.png" if own.output == STANDARD else own.output)
+    if own.panorama and own.size and own.size[1] != 2 * own.size[0]:
         raise InputError("a 360° picture is twice as wide as high, such as 2048x1024", where="--size")
-    voice, watch = voice_of(args), Stopwatch()
-    reading = reading_of(args, voice)
-    gaussians = reading.load(args.file, watch)
-    is_many = suffix == ".mp4" or args.panorama
+    gaussians = reading.load(own.file, reading.runtime(own.voice), watch)
+    is_many, wants_depth = suffix == ".mp4" or own.panorama, own.depth or own.depth_values
     # Loading compiled code takes longer than drawing one picture without it.
     renderer = Renderer(
-        gaussians.flat() if args.panorama else gaussians,  # which views are near would differ from face to face
-        args.threads,
-        dilation=args.dilation,
-        order=args.order,
+        gaussians.flat() if own.panorama else gaussians,  # which views are near would differ from face to face
+        reading.threads,
+        dilation=own.dilation,
+        order=own.order,
         compiled=None if is_many else False,
         keep=is_many,
     )
-    if args.panorama:
-        camera, height = _chosen_camera(args.camera, gaussians), (args.size or PANORAMA)[0]
+    if own.panorama:
+        camera, height = _chosen_camera(own.camera, gaussians), (own.size or PANORAMA)[0]
         down = sum((one.rotation[1] for one in gaussians.cameras or gaussians.viewpoints), 0 * camera.centre)
         with watch.stage("render"):
-            draw = partial(renderer.render, background=args.background)
+            draw = partial(renderer.render, background=own.background)
             picture = panorama(draw, camera, down, height)
-        write_file(args.output, panorama_png(picture))
+        write_file(own.output, panorama_png(picture))
     elif suffix == ".png":
-        camera = _chosen_camera(args.camera, gaussians)
+        camera = _chosen_camera(own.camera, gaussians)
         with watch.stage("render"):
             wanted = ("depth",) if wants_depth else ("rgb",)
-            image = renderer.render(camera, args.size, outputs=wanted, background=args.background)
+            image = renderer.render(camera, own.size, outputs=wanted, background=own.background)
         if wants_depth:
             image = (
-                depth_map(args.output, image["depth"], args.depth_scale)
-                if args.depth_values
+                depth_map(own.output, image["depth"], own.depth_scale)
+                if own.depth_values
                 else depth_colours(image["depth"])
             )
-        write_file(args.output, png_bytes(image))
+        write_file(own.output, png_bytes(image))
     else:
         from ..render.video import write_video
 
-        if args.story:
-            path = _story_path(gaussians, args.story, args.camera, args.frames, args.size)
+        if own.story:
+            path = _story_path(gaussians, own.story, own.camera, own.frames, own.size)
         else:
-            path = _camera_path(gaussians, args.file, args.camera, args.path, args.frames)
+            path = _camera_path(gaussians, own.file, own.camera, own.path, own.frames)
         with watch.stage("render"):
             # libx264 codes on threads of its own while the next frame is drawn; drawing ahead of it gains nothing.
             drawn = groupby(path, key=id)  # one that stands still is drawn once
-            pictures = ((renderer.render(next(same), args.size, background=args.background), same) for _, same in drawn)
+            pictures = ((renderer.render(next(same), own.size, background=own.background), same) for _, same in drawn)
             frames = (picture for picture, same in pictures for _ in chain([0], same))
-            write_video(args.output, voice.progress("render", frames, total=len(path)), FPS)
-    if args.report:
+            write_video(own.output, own.voice.progress("render", frames, total=len(path)), FPS)
+    if own.report:
         from ..container.inspection import inspect_bytes
         from ..recipe.report import file_report
 
         about = {"gaussians": gaussians.count, "sh_degree": gaussians.degree}
         report = {**about, "seconds": watch.seconds, "peak_rss_bytes": peak_rss_bytes()}
-        if Path(args.file).suffix.lower() == SUFFIX:
-            report = file_report(inspect_bytes(read_file(args.file), is_prefix=reading.is_in_part), watch)
-        write_json(args.report, report)
+        if Path(own.file).suffix.lower() == SUFFIX:
+            report = file_report(inspect_bytes(read_file(own.file), is_prefix=reading.is_in_part), watch)
+        write_json(own.report, report)
     seconds = watch.seconds["render"]
     rate = "" if suffix == ".png" else f", {len(path)} frames, {len(path) / seconds:.1f} frames/s"
-    voice.done(f"{seconds:.3f} s{rate}", args.output)
+    own.voice.done(f"{seconds:.3f} s{rate}", own.output)
 
 
 def depth_colours(depth: NDArray) -> NDArray:

@@ -23,7 +23,7 @@ from typing import TextIO
 
 from ..errors import InputWarning, TinySplatError
 from ..system.printable import printable
-from ..system.progress import still_there
+from ..system.progress import still_there, wipe
 from .parser import build_parser, join_commands, missing_extra
 
 _MODULES = {"encode": "encode", "compress": "encode", "render": "render", "view": "view"}
@@ -148,6 +148,7 @@ def _warnings() -> Iterator[None]:
         ) -> None:
             if issubclass(category, InputWarning):
                 if str(message) not in said:  # of a photo that is read twice
+                    wipe()
                     print(message, file=sys.stderr)
                 said.add(str(message))
             else:

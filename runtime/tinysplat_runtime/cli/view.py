@@ -35,7 +35,8 @@ from ..system.files import read_limited, write_atomically
 from ..system.printable import printable
 from ..system.progress import wipe
 from ..system.told import NOBODY, Told
-from ..system.voice import Voice
+from .asks import View
+from .options import asked
 from .outputs import made_folder
 
 FINE_QP = -6.0
@@ -52,33 +53,29 @@ FOREIGN_HOST = "This page is for this machine: open it at http://127.0.0.1, or w
 
 def view(args: Namespace) -> None:
     """Make the page; write it, or serve it until interrupted."""
-    if args.player and args.file is not None:
-        raise InputError("goes without --player, whose page opens files that are dropped on it", where=args.file)
-    if args.player:
-        written = _written(args.html, player_page())
-    elif args.file is None:
+    own = asked(args, View)
+    if own.player and own.file is not None:
+        raise InputError("goes without --player, whose page opens files that are dropped on it", where=own.file)
+    if own.player and own.html:
+        written = _written(own.html, player_page())
+    elif own.file is None:
         raise InputError("missing; name a scene, or write a player of any with --player", where="F")
     else:
-        path = args.html
-        if args.as_files and path is None:
-            raise InputError("goes with --html FOLDER", where="--files")
-        content = Content.of(args.file, args.cameras, args.photos, args.background, args.story, Voice(args.quiet))
-        if path is None:
+        content = Content.of(own.file, own.cameras, own.photos, own.background, own.story, own.voice)
+        if own.html is None:
             page = scene_page(content.data, content.shown)
-            serve(page, args.port, quiet=args.quiet, browser=not args.no_browser)
+            serve(page, own.port, quiet=own.quiet, browser=not own.no_browser)
             return
-        if args.as_files:
-            written = _written_files(path, scene_files(content.data, content.shown))
+        if own.files:
+            written = _written_files(own.html, scene_files(content.data, content.shown))
         else:
-            written = _written(path, scene_page(content.data, content.shown))
-    if not args.quiet:
+            written = _written(own.html, scene_page(content.data, content.shown))
+    if not own.quiet:
         wipe()
         print(written)
 
 
-def _written(path: str | None, page: str) -> str:
-    if path is None:
-        raise InputError("missing; --html names the page to write", where="--player")
+def _written(path: str, page: str) -> str:
     text = page.encode()
     write_atomically(path, text)
     return f"{path}: {len(text) / 1e3:.0f} KB, opens without a network"

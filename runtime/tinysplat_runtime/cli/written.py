@@ -1,4 +1,4 @@
-"""What `decode` and `convert` write: a request of `recipe.export`, carried out by the options of a command line."""
+"""What `decode` and `convert` write: a request of `recipe.export`, to a file or to standard output."""
 
 from __future__ import annotations
 
@@ -6,52 +6,53 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
+from ..api import Runtime
 from ..container.layout import SUFFIX
 from ..gaussian.gaussians import Gaussians
 from ..recipe.export import exported, write
 from ..recipe.request import ExportRequest
 from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
-from ..system.voice import Voice
-from .files import Reading, named, write_file
+from .asks import Written
+from .files import write_file
+from .options import named
 from .outputs import is_standard
 
 
-@dataclass(frozen=True)
-class Writing:
-    """How Gaussians go out.
+def write_gaussians(
+    asked: Written,
+    parts: Sequence[tuple[str, Gaussians]],
+    request: ExportRequest,
+    runtime: Runtime,
+    watch: Stopwatch,
+    *,
+    source: str | None,
+) -> Gaussians:
+    """Write a file, or to standard output; what went out. What the format cannot keep goes to standard error.
 
-    Attributes:
+    Args:
+        asked: where to.
+        parts: Gaussians, each with the name of its file for messages.
         request: which of them, and in what format.
-        reading: the options that commands share.
-        source: the .tsplat file whose quality a .tsplat file is written with; None for the default profile's.
-        output: where to.
-        voice: who says what was written.
+        runtime: whose `told` says what goes on.
+        watch: gets the seconds of `write`.
+        source: the file whose quality a .tsplat file is written with, if it is one; None for the default profile's.
     """
-
-    request: ExportRequest
-    reading: Reading
-    source: str | None
-    output: str
-    voice: Voice
-
-    def write(self, parts: Sequence[tuple[str, Gaussians]], watch: Stopwatch) -> Gaussians:
-        """Write a file, or to standard output; what went out. What the format cannot keep goes to standard error."""
-        request, runtime, output = self.request, self.reading.runtime(), self.output
-
-        with _file_of(output) as path, named(request.options()):
-            gaussians = exported(parts, path, request, runtime, self.voice)
-            self.voice.say("step", "writing")
-            with watch.stage("write"):
-                losses = write(path, gaussians, request, runtime, self.source)
-            wipe()
-            for loss in losses:
-                print(f"{path}: {loss}", file=sys.stderr)
-        self.voice.done(f"{gaussians.count} Gaussians of SH degree {gaussians.degree}", output)
-        return gaussians
+    voice = asked.voice
+    if source is not None and not source.lower().endswith(SUFFIX):
+        source = None
+    with _file_of(asked.output) as path, named(request.options()):
+        gaussians = exported(parts, path, request, runtime, voice)
+        voice.say("step", "writing")
+        with watch.stage("write"):
+            losses = write(path, gaussians, request, runtime, source)
+        wipe()
+        for loss in losses:
+            print(f"{path}: {loss}", file=sys.stderr)
+    voice.done(f"{gaussians.count} Gaussians of SH degree {gaussians.degree}", asked.output)
+    return gaussians
 
 
 @contextmanager

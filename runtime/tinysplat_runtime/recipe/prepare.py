@@ -23,11 +23,12 @@ from ..scene.scenes import Frame, Scene
 from ..scene.spacing import Spacing
 from ..scene.turned import as_cameras_have_them
 from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
+from ..system.kinds import shown
 from ..system.printable import listed
 from ..system.told import NOBODY, Told
 from .doubts import OF_NO_RANGE, doubts
 from .request import EncodeRequest
-from .words import ALL, NO, AutoViews, shown
+from .words import ALL, NO, AutoViews
 
 ALL_VIEWS = range(2, 7)
 """Numbers of photos of which all are used when none are chosen."""

@@ -19,9 +19,10 @@ from ..gaussian.notes import Notes
 from ..graphs import DEFAULT_MODEL
 from ..modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
 from ..scene import BACKGROUND, MOVING
+from ..system import kinds
 from ..system.files import StrPath, read_limited
+from ..system.options import Options, option
 from . import words
-from .options import Options, option
 from .words import AutoViews, Length, Training
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from ..scene.cameras import Camera
     from ..scene.scenes import Scene
 
-BYTES, NOTES, VIDEO = "bytes and quality", "notes, kept in the file", "video, stereo, depth, running"
+BYTES, NOTES, VIDEO = "bytes and quality", "notes, kept in the file", "video, stereo, depth"
 WHICH, HOW = "which Gaussians", "how files are written"
 """Groups of options."""
 
@@ -54,9 +55,9 @@ class NoteKeywords(TypedDict, total=False):
 class Noted(Options):
     """What a file says of itself; an empty text takes back what the Gaussians said."""
 
-    unit: str | None = option(words.text, metavar="TEXT", group=NOTES, help="of lengths, such as metre")
-    attribution: str | None = option(words.text, metavar="TEXT", group=NOTES, help="author to name")
-    licence: str | None = option(words.text, metavar="TEXT", group=NOTES, help="such as CC-BY-4.0")
+    unit: str | None = option(kinds.text, metavar="TEXT", group=NOTES, help="of lengths, such as metre")
+    attribution: str | None = option(kinds.text, metavar="TEXT", group=NOTES, help="author to name")
+    licence: str | None = option(kinds.text, metavar="TEXT", group=NOTES, help="such as CC-BY-4.0")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -83,7 +84,7 @@ class Coding(Options):
     """How Gaussians become bytes."""
 
     profile: str | None = option(
-        words.text,
+        kinds.text,
         metavar="P",
         group=BYTES,
         choices=tuple(PROFILES),
@@ -91,21 +92,21 @@ class Coding(Options):
         help=f"{', '.join(PROFILES)}; default {DEFAULT_PROFILE}",
     )
     qp: float | None = option(
-        words.number, metavar="Q", group=BYTES, against=RATE, help="steps coarser by 2^(Q/6); default 0"
+        kinds.number, metavar="Q", group=BYTES, against=RATE, help="steps coarser by 2^(Q/6); default 0"
     )
     target_size: int | None = option(
-        words.byte_count, metavar="SIZE", group=BYTES, against=RATE, help="at most 100KB, 1.5MB or so many bytes"
+        kinds.byte_count, metavar="SIZE", group=BYTES, against=RATE, help="at most 100KB, 1.5MB or so many bytes"
     )
     """The largest file found of at most as many bytes."""
     target_psnr: float | None = option(
-        words.decibels, metavar="DB", group=BYTES, against=RATE, help="smallest file of at least this PSNR"
+        kinds.decibels, metavar="DB", group=BYTES, against=RATE, help="smallest file of at least this PSNR"
     )
     """The smallest file found that has as many, as the mean over the input views; of a list over its error in eight
     views, beside its photos or about it."""
-    lossless: bool = option(words.flag, False, group=BYTES, against=RATE, help="float16 planes, bit for bit")
+    lossless: bool = option(kinds.flag, False, group=BYTES, against=RATE, help="float16 planes, bit for bit")
     """`codec.exact` has the guarantee."""
     like: bytes | StrPath | None = option(
-        words.file,
+        kinds.file,
         metavar="F.tsplat",
         group=BYTES,
         against=RATE,
@@ -113,7 +114,7 @@ class Coding(Options):
     )
     """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`modes.recode`): a
     decoded scene coded again, edited or not, loses nothing else."""
-    drop_invalid: bool = option(words.flag, False, group=BYTES, help="hide Gaussians at or behind their camera")
+    drop_invalid: bool = option(kinds.flag, False, group=BYTES, help="hide Gaussians at or behind their camera")
     """Else they are refused."""
 
     def __post_init__(self) -> None:
@@ -195,10 +196,10 @@ class EncodeRequest(Noted, Coding):
     )
     """(height, width) in Python."""
     model: str = option(
-        words.text, DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
+        kinds.text, DEFAULT_MODEL, metavar="NAME|FILE.onnx", help="network; `tinysplat models` lists them"
     )
     masks: str | None = option(
-        words.text,
+        kinds.text,
         metavar="MEANING",
         choices=(MOVING, BACKGROUND, words.NO),
         off=words.NO,
@@ -207,15 +208,15 @@ class EncodeRequest(Noted, Coding):
     )
     """None: mask files show what moves, transparent photos where nothing is; `scene.masks` has what that means."""
     joint: bool = option(
-        words.flag, True, group=VIDEO, off=False, help="", off_help="keep depths as the network finds them"
+        kinds.flag, True, group=VIDEO, off=False, help="", off_help="keep depths as the network finds them"
     )
     """Whether all photos of a capture agree on depth; see `Runtime.predict`."""
     mode: str | None = option(
-        words.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
+        kinds.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
     )
     """`modes` says what they are; None as `recipe.choice.chosen` has it."""
     fast: bool = option(
-        words.flag,
+        kinds.flag,
         False,
         against=("mode",),
         help="leave the network's Gaussians: --mode gaussians, whatever the photos",
@@ -224,13 +225,13 @@ class EncodeRequest(Noted, Coding):
         words.training, metavar="STEPS|60s", against=PLANES_ALONE, help="how long a list is trained; default: by photos"
     )
     at_most: int | None = option(
-        words.count,
+        kinds.count,
         metavar="N",
         against=PLANES_ALONE,
         help="Gaussians of a list; default: as many as photos show detail",
     )
     poses: StrPath | None = option(
-        words.path,
+        kinds.path,
         metavar="POSES",
         group=VIDEO,
         against=("focal", "baseline"),
@@ -238,7 +239,7 @@ class EncodeRequest(Noted, Coding):
     )
     """A RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model."""
     first_number: int = option(
-        words.whole,
+        kinds.whole,
         0,
         metavar="0|1",
         group=VIDEO,
@@ -246,17 +247,17 @@ class EncodeRequest(Noted, Coding):
         help="of the first frame that POSES names; default 0",
     )
     """What `poses` count from in names such as frame_00012.png."""
-    near: float | None = option(words.number, metavar="Z", group=VIDEO, help="nearest depth; default: the scene's")
+    near: float | None = option(kinds.number, metavar="Z", group=VIDEO, help="nearest depth; default: the scene's")
     """Scene units; None for the scene's own, or what photos show."""
-    far: float | None = option(words.number, metavar="Z", group=VIDEO, help="farthest depth; default: the scene's")
+    far: float | None = option(kinds.number, metavar="Z", group=VIDEO, help="farthest depth; default: the scene's")
     focal: float | None = option(
-        words.number, metavar="PX", group=VIDEO, needs=("baseline",), help="of a stereo pair, in pixels"
+        kinds.number, metavar="PX", group=VIDEO, needs=("baseline",), help="of a stereo pair, in pixels"
     )
     baseline: float | None = option(
-        words.number, metavar="B", group=VIDEO, needs=("focal",), help="distance of its cameras"
+        kinds.number, metavar="B", group=VIDEO, needs=("focal",), help="distance of its cameras"
     )
     save_gaussians: StrPath | None = option(
-        words.written, metavar="G.npz", group=VIDEO, help="also write the network's Gaussians"
+        kinds.written, metavar="G.npz", group=VIDEO, help="also write the network's Gaussians"
     )
 
     def __post_init__(self) -> None:
@@ -290,11 +291,11 @@ class CompressRequest(Noted, Coding):
     """
 
     gaussians: Gaussians = field(kw_only=False)
-    keep_all: bool = option(words.flag, False, against=("seconds",), help="do not prune a trained scene")
-    seconds: float | None = option(words.positive, metavar="S", help="time limit of pruning")
+    keep_all: bool = option(kinds.flag, False, against=("seconds",), help="do not prune a trained scene")
+    seconds: float | None = option(kinds.positive, metavar="S", help="time limit of pruning")
     """What was not looked at by then is kept, with a warning; bytes then depend on how fast the machine is."""
     cameras: Sequence[Camera] | StrPath | None = option(
-        words.cameras, metavar="SCENE", help="cameras of its photos, to prune by"
+        kinds.cameras, metavar="SCENE", help="cameras of its photos, to prune by"
     )
     """Of a list, in place of its viewpoints; where it has as many Gaussians as they have pixels, these."""
 
@@ -323,7 +324,18 @@ class ExportKeywords(NoteKeywords, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(Noted):
+class Upright(Options):
+    """How a scene is placed in the world, by itself or by a length that was measured."""
+
+    level: bool = option(kinds.flag, False, help="turn and shift it upright: y down, the ground at 0")
+    length: Length | None = option(
+        words.length, metavar="VIEW:U,V,U,V=0.74m", help="scale it to metres by a length in a view, or X,Y,Z,X,Y,Z=…"
+    )
+    """Between two pixels of a view, counted as in the file, or between two points."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest(Noted, Upright):
     """What `convert` and `decode` do with Gaussians; of what is left out, nothing is done.
 
     Raises:
@@ -331,22 +343,22 @@ class ExportRequest(Noted):
     """
 
     views: tuple[int, ...] | None = option(
-        words.indices, metavar="I,J-K", group=WHICH, help="those of these views, such as 0,3,10-20"
+        kinds.indices, metavar="I,J-K", group=WHICH, help="those of these views, such as 0,3,10-20"
     )
     trim_border: int | None = option(
-        words.count, metavar="PX", group=WHICH, help="without each view's outermost PX pixels"
+        kinds.count, metavar="PX", group=WHICH, help="without each view's outermost PX pixels"
     )
-    min_opacity: float | None = option(words.number, metavar="A", group=WHICH, help="those of this opacity or more")
-    sh_degree: int | None = option(words.whole, metavar="N", group=WHICH, help="SH cut to this degree")
+    min_opacity: float | None = option(kinds.number, metavar="A", group=WHICH, help="those of this opacity or more")
+    sh_degree: int | None = option(kinds.whole, metavar="N", group=WHICH, help="SH cut to this degree")
     prune: Amount | None = option(
         words.amount, metavar="SHARE|DB|N", group=WHICH, help="drop 0.5, down to 45dB, or all but N (numba)"
     )
     """Those that pictures need least go first."""
-    keep_all: bool = option(words.flag, False, group=WHICH, help="do not prune a trained scene")
+    keep_all: bool = option(kinds.flag, False, group=WHICH, help="do not prune a trained scene")
     """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
     pictures hardly need."""
     dilate: float | None = option(
-        words.positive,
+        kinds.positive,
         metavar="VARIANCE",
         group=WHICH,
         usual=OWN_VARIANCE,
@@ -354,13 +366,13 @@ class ExportRequest(Noted):
     )
     """Own pixels² by which Gaussians are widened."""
     points: bool = option(
-        words.flag, False, group=HOW, only=".ply", help="a plain point cloud (.ply) of means and colours"
+        kinds.flag, False, group=HOW, only=".ply", help="a plain point cloud (.ply) of means and colours"
     )
     sh_bits: tuple[int, int] = option(
-        words.bits, SH_BITS, metavar="A,B", group=HOW, only=".spz", help=".spz: bits of SH of degree 1, above; 5,4"
+        kinds.bits, SH_BITS, metavar="A,B", group=HOW, only=".spz", help=".spz: bits of SH of degree 1, above; 5,4"
     )
     spz_version: int = option(
-        words.whole,
+        kinds.whole,
         SPZ_VERSION,
         metavar="N",
         group=HOW,
@@ -369,28 +381,23 @@ class ExportRequest(Noted):
         help="default 3; 4 keeps SH degree 4, wants zstd",
     )
     crop: tuple[float, ...] | None = option(
-        words.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
+        kinds.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
     )
     clean: str | None = option(
-        words.text,
+        kinds.text,
         metavar="map",
         usual=REMOVE,
         choices=(REMOVE, MAP),
         help="without floaters; map: with them in magenta (scipy)",
     )
     """Small groups of Gaussians that touch no others."""
-    level: bool = option(words.flag, False, help="turn and shift it upright: y down, the ground at 0")
-    length: Length | None = option(
-        words.length, metavar="VIEW:U,V,U,V=0.74m", help="scale it to metres by a length in a view, or X,Y,Z,X,Y,Z=…"
-    )
-    """Between two pixels of a view, counted as in the file, or between two points."""
     rotate: tuple[float, float, float, float] | None = option(
         words.turn, metavar="AXIS,DEG|W,X,Y,Z", help="first: x,90 or a quaternion"
     )
-    scale: float = option(words.ratio, 1.0, metavar="S", help="then: enlarge the scene S times")
-    translate: tuple[float, ...] = option(words.numbers(3), (0.0, 0.0, 0.0), metavar="X,Y,Z", help="then: move it")
+    scale: float = option(kinds.ratio, 1.0, metavar="S", help="then: enlarge the scene S times")
+    translate: tuple[float, ...] = option(kinds.numbers(3), (0.0, 0.0, 0.0), metavar="X,Y,Z", help="then: move it")
     cameras: Sequence[Camera] | StrPath | None = option(
-        words.cameras, metavar="SCENE", help="cameras of the photos, for --prune"
+        kinds.cameras, metavar="SCENE", help="cameras of the photos, for --prune"
     )
     """Those of the photos that a list was made from, or what `load_cameras` reads."""
 

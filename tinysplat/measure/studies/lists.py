@@ -104,7 +104,7 @@ def _own(run: Run, subject: Subject) -> Iterator[Row]:
     views = from_anywhere(views_of(shown), shown)
     job = Job(gaussians, profile, 0.0, run.runtime.store, run.threads, EncodeStats())
     pruning, whole = PruningEncoder(job, views), encoder_of(job, views)
-    for qp in run.options.qps or (QUICK_QPS if run.quick else QPS):
+    for qp in run.options.qp or (QUICK_QPS if run.quick else QPS):
         for way, encoder in ((OURS, pruning), (WHOLE, whole)):
             data = encoder.code(qp)
             yield subject.row(way, qp, data, run.runtime.decompress(data))

@@ -2,20 +2,23 @@
 
     qp: float | None = option(number, metavar="Q", help="steps coarser by 2^(Q/6); default 0")
 
-From it come the parser of a command line, what manifests and Python may give, the check of what they gave, and the
-pages of documentation. A field's `kind` takes what was given, a word or a value, and returns the value.
+From it come a command's parser, what manifests and Python may give, the check of what they gave, and the pages of
+documentation. A field's `kind` (`kinds`) takes what was given, a word or a value, and returns the value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, ClassVar, TypeVar
 
 from ..errors import InputError, within
-from .words import shown
+from .kinds import items, shown
 
 Asked = TypeVar("Asked", bound="Options")
+
+REQUIRED = MISSING
+"""In place of a default: the option has to be given."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class Option:
     """What is known of an option beside its name, its type and its default.
 
     Attributes:
-        kind: a function of `words`.
+        kind: a function of `kinds`, or another of their kind.
         help: what `--help` says, in a line.
         metavar: what stands there for the value; empty for flags.
         group: heading under which `--help` lists it; empty for none.
@@ -34,6 +37,11 @@ class Option:
         against: names of options that it contradicts.
         needs: names of options, one of which it takes to mean something.
         only: the ending of the outputs that it is about; empty for any.
+        short: its letter on a command line; empty for none.
+        word: its word there, if that is not its name.
+        is_bare: whether its value stands there without any word.
+        is_many: whether it can be given several times, and the value is a tuple.
+        is_required: whether it has no default.
     """
 
     kind: Callable[[object], object]
@@ -47,6 +55,11 @@ class Option:
     against: Sequence[str] = ()
     needs: Sequence[str] = ()
     only: str = ""
+    short: str = ""
+    word: str = ""
+    is_bare: bool = False
+    is_many: bool = False
+    is_required: bool = False
 
     def read(self, name: str, given: object) -> object:
         """The value of what was given; InputError names the option."""
@@ -55,15 +68,18 @@ class Option:
         if given is False and self.off is not None:
             given = self.off
         with within(name):
-            value = self.kind(given)
+            return tuple(map(self._value, items(given))) if self.is_many else self._value(given)
+
+    def _value(self, given: object) -> object:
+        value = self.kind(given)
         if self.choices and value not in self.choices:
-            raise InputError(f"{shown(given)}, accepted are {', '.join(map(str, self.choices))}", where=name)
+            raise InputError(f"{shown(given)}, accepted are {', '.join(map(str, self.choices))}")
         return value
 
 
 def option(kind: Callable[[object], object], default: object = None, *, help: str, **about: Any) -> Any:
     """A field of `Options`; `about` are further fields of `Option`."""
-    return field(default=default, metadata={"option": Option(kind, help, **about)})
+    return field(default=default, metadata={"option": Option(kind, help, is_required=default is REQUIRED, **about)})
 
 
 class Options:
