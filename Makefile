@@ -5,6 +5,8 @@ DEMO_VENV := .venv-demo
 RELEASE_VENV := .venv-release
 # CPU torch, named in the command that installs what needs it: a range alone would bring the GPU build.
 TORCH := torch==2.13.0
+PRETTIER := npx --yes prettier@3.10.1
+SCRIPTS := "**/*.{js,mjs}"
 
 .PHONY: help demo page pictures dev test test-slow test-ranges fuzz lint format export reference docs golden release clean
 
@@ -45,16 +47,18 @@ test-ranges: $(VENV)/.installed  ## the runtime at the oldest and newest version
 fuzz: $(VENV)/.installed  ## the whole fuzz campaign: 1.9 million damaged files, about 40 minutes of one core
 	PYTHONPATH=tests $(VENV)/bin/python -m hostile.campaign
 
-lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm tsc for JavaScript
+lint: $(VENV)/.installed  ## ruff and mypy, and where there is npm prettier and tsc for JavaScript
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	! command -v npx >/dev/null || $(PRETTIER) --check $(SCRIPTS)
 	! command -v npx >/dev/null || npx --yes --package typescript@5.9.3 tsc -p jsconfig.json
 	! command -v npx >/dev/null || npx --yes --package typescript@5.9.3 tsc -p checks/types/web.json
 
 format: $(VENV)/.installed  ## rewrite in the project's style
 	$(VENV)/bin/ruff check --fix .
 	$(VENV)/bin/ruff format .
+	! command -v npx >/dev/null || $(PRETTIER) --write --log-level warn $(SCRIPTS)
 
 export: $(VENV)/.installed  ## write models/*.onnx and their manifest anew
 	$(VENV)/bin/python -m export.transforms

@@ -2,11 +2,19 @@
 import assert from "node:assert/strict";
 import { turned } from "../../runtime/tinysplat_runtime/page/vectors.js";
 
-export const ROWS = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], UP = [0, -1, 0];
+export const ROWS = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
+export const UP = [0, -1, 0];
 
 /** A view at x, turned about the vertical. */
 export const view = (x, turn = 0) => ({
-  K: [500, 0, 500, 320, 240], width: 640, height: 480, position: [x, 0, 0],
+  K: [500, 0, 500, 320, 240],
+  width: 640,
+  height: 480,
+  position: [x, 0, 0],
   rotation: ROWS.map((row) => turned(row, UP, turn)),
 });
 
@@ -14,7 +22,9 @@ export const view = (x, turn = 0) => ({
 export function close(found, wanted, within = 1e-9) {
   const [one, other] = [found, wanted].map((value) => [value].flat(9));
   assert.equal(one.length, other.length);
-  one.forEach((number, at) => assert.ok(Math.abs(number - other[at]) <= within * (1 + Math.abs(other[at])), `${number} is not ${other[at]}`));
+  one.forEach((number, at) =>
+    assert.ok(Math.abs(number - other[at]) <= within * (1 + Math.abs(other[at])), `${number} is not ${other[at]}`),
+  );
 }
 
 /** Numbers from 0 to 1, the same in every run. */

@@ -5,7 +5,12 @@ import { createInterface } from "node:readline";
 import { crc32 } from "../../runtime/tinysplat_runtime/web/cursor.js";
 import { TsplatError, decode } from "../../runtime/tinysplat_runtime/web/tsplat.js";
 
-const TYPES = new Map([[Float32Array, "<f4"], [Float64Array, "<f8"], [Int32Array, "<i4"], [Uint16Array, "<u2"]]);
+const TYPES = new Map([
+  [Float32Array, "<f4"],
+  [Float64Array, "<f8"],
+  [Int32Array, "<i4"],
+  [Uint16Array, "<u2"],
+]);
 
 /** An array as .npy has it. */
 function npy(array, shape) {
@@ -49,9 +54,14 @@ function arraysOf({ count, degree, means, quats, scales, opacities, sh, origin, 
   const shapes = layers.flatMap((layer) => [layer.views, layer.height, layer.width, layer.degree, layer.offset]);
   const views = cameras.flatMap(({ fx, fy, cx, cy, skew, c2w }) => [fx, fy, cx, cy, skew, ...c2w]);
   return {
-    means: [means, [count, 3]], quats: [quats, [count, 4]], scales: [scales, [count, 3]], opacities: [opacities, [count]],
-    sh: [sh, [count, (degree + 1) ** 2, 3]], origin: [Float64Array.from(origin), [3]],
-    layers: [Int32Array.from(shapes), [layers.length, 5]], cameras: [Float64Array.from(views), [cameras.length, 21]],
+    means: [means, [count, 3]],
+    quats: [quats, [count, 4]],
+    scales: [scales, [count, 3]],
+    opacities: [opacities, [count]],
+    sh: [sh, [count, (degree + 1) ** 2, 3]],
+    origin: [Float64Array.from(origin), [3]],
+    layers: [Int32Array.from(shapes), [layers.length, 5]],
+    cameras: [Float64Array.from(views), [cameras.length, 21]],
   };
 }
 
@@ -63,7 +73,9 @@ function networkOf(folder) {
   const shown = {};
   return async ({ photos, width, height, cameras, near, far, name }) => {
     const { layers, origin } = JSON.parse(readFileSync(`${folder}/layers.json`));
-    const views = cameras.map(({ c2w }) => layers[0].cameras.findIndex((camera) => camera.c2w.every((x, i) => x === c2w[i])));
+    const views = cameras.map(({ c2w }) =>
+      layers[0].cameras.findIndex((camera) => camera.c2w.every((x, i) => x === c2w[i])),
+    );
     const isNew = views.map((view) => !(view in shown));
     photos.forEach((photo, i) => (shown[views[i]] = [photo, [height, width, 3]]));
     writeFileSync(`${folder}/photos.npz`, npz(shown));
@@ -71,9 +83,12 @@ function networkOf(folder) {
     const arrays = ["means", "quats", "scales", "opacities", "sh"];
     layers.forEach((layer, n) => {
       for (const array of arrays) {
-        const all = new Float32Array(new Uint8Array(readFileSync(`${folder}/${n}.${array}`)).buffer), size = all.length / layer.cameras.length;
+        const all = new Float32Array(new Uint8Array(readFileSync(`${folder}/${n}.${array}`)).buffer);
+        const size = all.length / layer.cameras.length;
         layer[array] = new Float32Array(size * views.length);
-        views.forEach((view, i) => isNew[i] && layer[array].set(all.subarray(size * view, size * (view + 1)), size * i));
+        views.forEach(
+          (view, i) => isNew[i] && layer[array].set(all.subarray(size * view, size * (view + 1)), size * i),
+        );
       }
       layer.cameras = views.map((view) => layer.cameras[view]);
     });
@@ -94,12 +109,20 @@ async function answer({ file, out, options = {} }) {
     const ms = performance.now() - began;
     const kind = error instanceof TsplatError ? "TsplatError" : error.name;
     const { message, section, stack } = error;
-    return { error: kind, message, section, stack: kind === "TsplatError" ? undefined : stack, ms, mb: process.memoryUsage.rss() / 2 ** 20 };
+    return {
+      error: kind,
+      message,
+      section,
+      stack: kind === "TsplatError" ? undefined : stack,
+      ms,
+      mb: process.memoryUsage.rss() / 2 ** 20,
+    };
   }
 }
 
 if (process.argv[2] === "--serve") {
-  for await (const line of createInterface({ input: process.stdin })) console.log(JSON.stringify(await answer(JSON.parse(line))));
+  for await (const line of createInterface({ input: process.stdin }))
+    console.log(JSON.stringify(await answer(JSON.parse(line))));
 } else if (process.argv[2]) {
   const [, , file, out, options] = process.argv;
   const said = await answer({ file, out, options: options && JSON.parse(options) });

@@ -5,7 +5,12 @@ import { PictureDecoder } from "../../runtime/tinysplat_runtime/web/hevc/picture
 
 const folder = process.argv[2];
 for (const { name, width, height, chroma, bits } of JSON.parse(readFileSync(join(folder, "pictures.json")))) {
-  const [sets, picture] = ["sets", "picture"].map((kind) => new Uint8Array(readFileSync(join(folder, `${name}.${kind}`))));
+  const [sets, picture] = ["sets", "picture"].map(
+    (kind) => new Uint8Array(readFileSync(join(folder, `${name}.${kind}`))),
+  );
   const planes = new PictureDecoder(sets, width, height, chroma, bits).decode(picture);
-  writeFileSync(join(folder, `${name}.samples`), Buffer.concat(planes.map(({ samples }) => Buffer.from(samples.buffer))));
+  writeFileSync(
+    join(folder, `${name}.samples`),
+    Buffer.concat(planes.map(({ samples }) => Buffer.from(samples.buffer))),
+  );
 }

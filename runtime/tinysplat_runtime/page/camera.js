@@ -4,9 +4,15 @@ import { add, clamp, cross, dot, length, mix, scaled, turned } from "./vectors.j
 const LEAST_HEIGHT = 0.05; // radians that the direction of view keeps from straight up and down
 
 export class Camera {
-  K; width; height; reach; zoom;
+  K;
+  width;
+  height;
+  reach;
+  zoom;
   // view: {K: [fx, skew, fy, cx, cy], width, height, rotation: rows right, down, forward; position}
-  constructor(view, reach) { this.set(view, reach); }
+  constructor(view, reach) {
+    this.set(view, reach);
+  }
 
   set(view, reach, zoom = 1) {
     Object.assign(this, { K: view.K, width: view.width, height: view.height, reach, zoom });
@@ -17,7 +23,8 @@ export class Camera {
   // What a window shows: the view's own picture as large as fits, times `zoom`, and more around it.
   fitted(width, height) {
     const scale = Math.min(width / this.width, height / this.height) * this.zoom;
-    const [fx, skew, fy, cx, cy] = this.K.map((value) => value * scale), [x, y, z] = this.rotation;
+    const [fx, skew, fy, cx, cy] = this.K.map((value) => value * scale);
+    const [x, y, z] = this.rotation;
     const principal = [width / 2 + cx - (scale * this.width) / 2, height / 2 + cy - (scale * this.height) / 2];
     const projection = [...add(scaled(x, fx), y, skew), ...scaled(y, fy), ...z];
     return { principal, focals: [fx, fy], focal: Math.sqrt(fx * fy), projection };
@@ -25,11 +32,14 @@ export class Camera {
 
   // The direction of what a window shows at a pixel, as long as it takes to be 1 deep.
   ray(x, y, width, height) {
-    const { principal, focals } = this.fitted(width, height), [right, down, forward] = this.rotation;
+    const { principal, focals } = this.fitted(width, height);
+    const [right, down, forward] = this.rotation;
     return add(add(forward, right, (x - principal[0]) / focals[0]), down, (y - principal[1]) / focals[1]);
   }
 
-  get target() { return add(this.position, this.rotation[2], this.reach); }
+  get target() {
+    return add(this.position, this.rotation[2], this.reach);
+  }
 
   turn(axis, angle, about) {
     this.rotation = this.rotation.map((row) => turned(row, axis, angle));
@@ -40,7 +50,9 @@ export class Camera {
   swing(up, left, down, about) {
     this.turn(up, left, about);
     const height = Math.acos(clamp(dot(this.rotation[2], up), -1, 1));
-    const angle = clamp(down, LEAST_HEIGHT - height, Math.PI - LEAST_HEIGHT - height), side = cross(this.rotation[2], up), wide = length(side);
+    const angle = clamp(down, LEAST_HEIGHT - height, Math.PI - LEAST_HEIGHT - height);
+    const side = cross(this.rotation[2], up);
+    const wide = length(side);
     this.turn(wide > 1e-6 ? scaled(side, 1 / wide) : this.rotation[0], -angle, about);
   }
 

@@ -1,27 +1,36 @@
 // Gaussians as what splats.js draws: textures' words, and what the page asks of them.
 import { add, clamp, dot, scaled } from "./vectors.js";
 
-const LOG_STEPS = 1024, LOG_LOWEST = 32; // of a length's code: steps to a doubling, and what is added to its logarithm
-const INNER = 0.05, OUTER = 0.1; // of a picture's shorter side: over which its surface fades towards its edges, and what lies beyond
+const LOG_STEPS = 1024;
+const LOG_LOWEST = 32; // of a length's code: steps to a doubling, and what is added to its logarithm
+const INNER = 0.05;
+const OUTER = 0.1; // of a picture's shorter side: over which its surface fades towards its edges, and what lies beyond
 const SOLID = 0.5; // opacity from which a Gaussian counts as a surface
 const GROUND = 0.3; // of the scene's mean colour, where nothing is known
 
-const HALF_BITS = new Uint32Array(1), HALF_VALUE = new Float32Array(HALF_BITS.buffer);
+const HALF_BITS = new Uint32Array(1);
+const HALF_VALUE = new Float32Array(HALF_BITS.buffer);
 
-export function half(value) { // bits of the nearest half float
+export function half(value) {
+  // bits of the nearest half float
   HALF_VALUE[0] = clamp(value, -65504, 65504);
-  const bits = HALF_BITS[0], sign = (bits >>> 16) & 0x8000, exponent = (bits >>> 23) & 255;
+  const bits = HALF_BITS[0];
+  const sign = (bits >>> 16) & 0x8000;
+  const exponent = (bits >>> 23) & 255;
   if (exponent < 113) return sign | Math.round(Math.abs(HALF_VALUE[0]) * 16777216);
   return sign | (((bits & 0x7fffffff) - 0x38000000 + 0x1000) >>> 13);
 }
 
-export const lengthCode = (length) => (length > 0 ? clamp(Math.round((Math.log2(length) + LOG_LOWEST) * LOG_STEPS), 1, 65535) : 0);
+export const lengthCode = (length) =>
+  length > 0 ? clamp(Math.round((Math.log2(length) + LOG_LOWEST) * LOG_STEPS), 1, 65535) : 0;
 
 const snorm = (value) => Math.round(value * 32767) & 0xffff;
 
 // Where a point lies in a view: pixel x and y, and depth.
 export function pixelIn({ K: [fx, skew, fy, cx, cy], rotation, position }, point) {
-  const ray = add(point, position, -1), z = dot(rotation[2], ray), y = dot(rotation[1], ray) / z;
+  const ray = add(point, position, -1);
+  const z = dot(rotation[2], ray);
+  const y = dot(rotation[1], ray) / z;
   return [(fx * dot(rotation[0], ray)) / z + skew * y + cx, fy * y + cy, z];
 }
 
@@ -29,7 +38,8 @@ export function pixelIn({ K: [fx, skew, fy, cx, cy], rotation, position }, point
 // or a backdrop without detail, and less the farther beyond them. Squared, as many Gaussians lie over one another.
 export function fadeAt({ width, height }, isFront, x, y) {
   const out = Math.max(-x, x - width, -y, y - height) / Math.min(width, height);
-  const t = clamp(isFront ? -out / INNER : 1 - out / OUTER, 0, 1), smooth = t * t * (3 - 2 * t);
+  const t = clamp(isFront ? -out / INNER : 1 - out / OUTER, 0, 1);
+  const smooth = t * t * (3 - 2 * t);
   return smooth * smooth;
 }
 
@@ -37,27 +47,41 @@ export function fadeAt({ width, height }, isFront, x, y) {
 // parts: [{ view, isFront, from, to }], views }; parts cover all Gaussians, and view is -1 where they are of none.
 export function makeCloud(scene) {
   const { count, means, opacities, parts, views } = scene;
-  const words = new Uint32Array(8 * count), floats = new Float32Array(words.buffer);
+  const words = new Uint32Array(8 * count);
+  const floats = new Float32Array(words.buffer);
   for (const { view, isFront, from, to } of parts) {
-    const camera = views[view], focal = camera && Math.sqrt(camera.K[0] * camera.K[2]);
+    const camera = views[view];
+    const focal = camera && Math.sqrt(camera.K[0] * camera.K[2]);
     for (let i = from; i < to; i++) {
-      const at = 8 * i, point = means.subarray(3 * i, 3 * i + 3);
+      const at = 8 * i;
+      const point = means.subarray(3 * i, 3 * i + 3);
       floats.set(point, at);
       const [x, y, z] = camera ? pixelIn(camera, point) : [0, 0, 0];
-      const fade = camera ? Math.round(255 * fadeAt(camera, isFront, x, y)) : 255, own = z > 0 ? lengthCode(z / focal) : 0;
+      const fade = camera ? Math.round(255 * fadeAt(camera, isFront, x, y)) : 255;
+      const own = z > 0 ? lengthCode(z / focal) : 0;
       words[at + 3] = Math.round(255 * opacities[i]) | ((view + 1) << 8) | (fade << 24);
       fillShape(scene, i, words, at + 4, own);
     }
   }
   const solid = parts.filter(({ isFront }) => isFront);
   return {
-    count, means, opacities, parts, functions: scene.functions, viewCount: parts.some(({ view }) => view >= 0) ? views.length : 0, logSteps: [LOG_STEPS, LOG_LOWEST],
-    geometry: words, colours: colourWords(scene), ...depthsOf(scene, solid), ground: groundOf(scene, solid),
+    count,
+    means,
+    opacities,
+    parts,
+    functions: scene.functions,
+    viewCount: parts.some(({ view }) => view >= 0) ? views.length : 0,
+    logSteps: [LOG_STEPS, LOG_LOWEST],
+    geometry: words,
+    colours: colourWords(scene),
+    ...depthsOf(scene, solid),
+    ground: groundOf(scene, solid),
   };
 }
 
 function fillShape({ scales, quats }, i, words, at, own) {
-  const q = quats.subarray(4 * i, 4 * i + 4), size = Math.hypot(q[0], q[1], q[2], q[3]) || 1;
+  const q = quats.subarray(4 * i, 4 * i + 4);
+  const size = Math.hypot(q[0], q[1], q[2], q[3]) || 1;
   words[at] = snorm(q[0] / size) | (snorm(q[1] / size) << 16);
   words[at + 1] = snorm(q[2] / size) | (snorm(q[3] / size) << 16);
   words[at + 2] = lengthCode(scales[3 * i]) | (lengthCode(scales[3 * i + 1]) << 16);
@@ -76,7 +100,9 @@ function colourWords({ count, functions, sh }) {
 // Of surfaces in their own views: the harmonic mean of depths, how far inverse depths spread beside their mean, and the
 // range of depths. Without views, of all Gaussians before the page's own.
 function depthsOf({ means, opacities, views, parts }, solid) {
-  let sum = 0, squares = 0, seen = 0;
+  let sum = 0;
+  let squares = 0;
+  let seen = 0;
   const some = [];
   for (const { view, from, to } of solid.length ? solid : parts) {
     const { rotation, position } = views[Math.max(view, 0)];
@@ -89,10 +115,13 @@ function depthsOf({ means, opacities, views, parts }, solid) {
     }
   }
   some.sort((a, b) => a - b);
-  const mean = sum / seen, at = (share) => some[Math.floor(share * (some.length - 1))] ?? 1;
+  const mean = sum / seen;
+  const at = (share) => some[Math.floor(share * (some.length - 1))] ?? 1;
   return {
-    depth: seen ? 1 / mean : 1, spread: seen ? Math.sqrt(Math.max(squares / seen / (mean * mean) - 1, 0)) : 0,
-    nearest: at(0.02), farthest: Math.max(at(0.98), 1.01 * at(0.02)),
+    depth: seen ? 1 / mean : 1,
+    spread: seen ? Math.sqrt(Math.max(squares / seen / (mean * mean) - 1, 0)) : 0,
+    nearest: at(0.02),
+    farthest: Math.max(at(0.98), 1.01 * at(0.02)),
   };
 }
 

@@ -1,22 +1,60 @@
 // Mouse, touch and keys, told to a mover (movers.js).
 
-const KEYS = { // right, down, forward, turn, tilt
-  KeyA: [-1, 0, 0, 0, 0], KeyD: [1, 0, 0, 0, 0], KeyQ: [0, 1, 0, 0, 0], KeyE: [0, -1, 0, 0, 0],
-  KeyW: [0, 0, 1, 0, 0], KeyS: [0, 0, -1, 0, 0], ArrowLeft: [0, 0, 0, -1, 0], ArrowRight: [0, 0, 0, 1, 0],
-  ArrowUp: [0, 0, 0, 0, -1], ArrowDown: [0, 0, 0, 0, 1], Equal: [0, 0, 1, 0, 0], NumpadAdd: [0, 0, 1, 0, 0],
-  Minus: [0, 0, -1, 0, 0], NumpadSubtract: [0, 0, -1, 0, 0],
+const KEYS = {
+  // right, down, forward, turn, tilt
+  KeyA: [-1, 0, 0, 0, 0],
+  KeyD: [1, 0, 0, 0, 0],
+  KeyQ: [0, 1, 0, 0, 0],
+  KeyE: [0, -1, 0, 0, 0],
+  KeyW: [0, 0, 1, 0, 0],
+  KeyS: [0, 0, -1, 0, 0],
+  ArrowLeft: [0, 0, 0, -1, 0],
+  ArrowRight: [0, 0, 0, 1, 0],
+  ArrowUp: [0, 0, 0, 0, -1],
+  ArrowDown: [0, 0, 0, 0, 1],
+  Equal: [0, 0, 1, 0, 0],
+  NumpadAdd: [0, 0, 1, 0, 0],
+  Minus: [0, 0, -1, 0, 0],
+  NumpadSubtract: [0, 0, -1, 0, 0],
 };
 const BACK = new Set(["Home", "Escape", "Digit0"]);
 const NOTCH = 1000; // pixels of a wheel to a factor of e
-const TAP_PX = 24, TAP_MS = 350; // between two taps that are one
+const TAP_PX = 24;
+const TAP_MS = 350; // between two taps that are one
 
 export class Controls {
-  canvas; mover; point; moved; back; picked; touched; released; isEmbedded; fingers; held; anchor; tap;
+  canvas;
+  mover;
+  point;
+  moved;
+  back;
+  picked;
+  touched;
+  released;
+  isEmbedded;
+  fingers;
+  held;
+  anchor;
+  tap;
   // mover(): who moves now. point(x, y): what shows at a pixel. moved() after each change, back() when asked to return,
   // picked(x, y) on a double click, touched() before the first movement, released() when a finger is lifted.
   // isEmbedded: the page around scrolls by what is no drag.
   constructor(canvas, { mover, point, moved, back, picked, touched, released }, isEmbedded = false) {
-    Object.assign(this, { isEmbedded, canvas, mover, point, moved, back, picked, touched, released, fingers: new Map(), held: new Set(), anchor: null, tap: null });
+    Object.assign(this, {
+      isEmbedded,
+      canvas,
+      mover,
+      point,
+      moved,
+      back,
+      picked,
+      touched,
+      released,
+      fingers: new Map(),
+      held: new Set(),
+      anchor: null,
+      tap: null,
+    });
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.#up(event));
@@ -28,9 +66,13 @@ export class Controls {
     canvas.addEventListener("blur", () => this.held.clear());
   }
 
-  get holdsKeys() { return this.held.size > 0; }
+  get holdsKeys() {
+    return this.held.size > 0;
+  }
 
-  get isMoving() { return this.held.size > 0 || this.fingers.size > 0; }
+  get isMoving() {
+    return this.held.size > 0 || this.fingers.size > 0;
+  }
 
   #down(event) {
     this.touched();
@@ -48,9 +90,15 @@ export class Controls {
     if (!this.fingers.size) this.released();
   }
 
-  #tapped({ clientX, clientY, timeStamp, offsetX, offsetY }) { // browsers do not tell of double taps where panning is off
-    const isTap = timeStamp - this.pressed.at < TAP_MS && Math.hypot(clientX - this.pressed.x, clientY - this.pressed.y) < TAP_PX;
-    const isSecond = isTap && this.tap && timeStamp - this.tap.at < TAP_MS && Math.hypot(clientX - this.tap.x, clientY - this.tap.y) < TAP_PX;
+  #tapped({ clientX, clientY, timeStamp, offsetX, offsetY }) {
+    // browsers do not tell of double taps where panning is off
+    const isTap =
+      timeStamp - this.pressed.at < TAP_MS && Math.hypot(clientX - this.pressed.x, clientY - this.pressed.y) < TAP_PX;
+    const isSecond =
+      isTap &&
+      this.tap &&
+      timeStamp - this.tap.at < TAP_MS &&
+      Math.hypot(clientX - this.tap.x, clientY - this.tap.y) < TAP_PX;
     this.tap = isTap && !isSecond ? { x: clientX, y: clientY, at: timeStamp } : null;
     if (isSecond) this.picked(offsetX, offsetY);
   }
@@ -58,10 +106,13 @@ export class Controls {
   #move(event) {
     const before = this.fingers.get(event.pointerId);
     if (!before) return;
-    const now = [event.clientX, event.clientY], other = [...this.fingers].find(([id]) => id !== event.pointerId)?.[1];
+    const now = [event.clientX, event.clientY];
+    const other = [...this.fingers].find(([id]) => id !== event.pointerId)?.[1];
     this.fingers.set(event.pointerId, now);
-    const [dx, dy] = [now[0] - before[0], now[1] - before[1]], mover = this.mover();
-    if (other) { // two fingers: slide with their middle, approach with their distance
+    const [dx, dy] = [now[0] - before[0], now[1] - before[1]];
+    const mover = this.mover();
+    if (other) {
+      // two fingers: slide with their middle, approach with their distance
       mover.slide(dx / 2, dy / 2);
       const apart = (finger) => Math.hypot(finger[0] - other[0], finger[1] - other[1]) || 1;
       this.#near(apart(now) / apart(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
@@ -75,7 +126,8 @@ export class Controls {
 
   // Towards what showed at a pixel when the gesture began.
   #near(factor, x, y) {
-    if (!this.anchor || Math.hypot(x - this.anchor.x, y - this.anchor.y) > TAP_PX) this.anchor = { x, y, point: this.point(x, y) };
+    if (!this.anchor || Math.hypot(x - this.anchor.x, y - this.anchor.y) > TAP_PX)
+      this.anchor = { x, y, point: this.point(x, y) };
     this.mover().near(factor, x, y, this.anchor.point);
   }
 
@@ -105,7 +157,10 @@ export class Controls {
   step(seconds) {
     if (!this.held.size) return;
     const sum = [0, 0, 0, 0, 0];
-    for (const code of this.held) KEYS[code].forEach((value, i) => { sum[i] += value; });
+    for (const code of this.held)
+      KEYS[code].forEach((value, i) => {
+        sum[i] += value;
+      });
     this.mover().keys(sum, seconds, this.isFast);
     this.moved();
   }

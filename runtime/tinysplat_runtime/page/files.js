@@ -2,9 +2,17 @@
 
 const MOST_BYTES = 1 << 30; // that are fetched
 
-const SECTIONS = { // what classes of bytes are called
-  depth: "distances", color: "colours", opacity: "transparency", scale: "sizes", rotation: "directions", offset: "fine positions",
-  position: "positions", exact: "exact planes", photo: "photos",
+const SECTIONS = {
+  // what classes of bytes are called
+  depth: "distances",
+  color: "colours",
+  opacity: "transparency",
+  scale: "sizes",
+  rotation: "directions",
+  offset: "fine positions",
+  position: "positions",
+  exact: "exact planes",
+  photo: "photos",
 };
 // Bytes by what they are for: [words, bytes], of those that are there.
 export function bytesByUse({ channels, bytes }) {
@@ -39,7 +47,8 @@ export function described(inspect, bytes) {
 
 async function request(address, signal) {
   const url = new URL(address, location.href);
-  if (!["http:", "https:", "blob:", "data:"].includes(url.protocol)) throw new Error(`${url.protocol} is no address that a page may read; choose the file instead`);
+  if (!["http:", "https:", "blob:", "data:"].includes(url.protocol))
+    throw new Error(`${url.protocol} is no address that a page may read; choose the file instead`);
   const response = await fetch(url, { signal, credentials: "omit", referrerPolicy: "no-referrer" });
   if (!response.ok) throw new Error(`${url.href} answers ${response.status} ${response.statusText}`);
   return response;
@@ -48,7 +57,8 @@ async function request(address, signal) {
 // The bytes of the file at an address as they come in; `told` hears how many of how many (0 where nobody says).
 export async function* fetched(address, signal, told) {
   const response = await request(address, signal);
-  const whole = Number(response.headers.get("Content-Length")) || 0, reader = response.body.getReader();
+  const whole = Number(response.headers.get("Content-Length")) || 0;
+  const reader = response.body.getReader();
   for (let received = 0; ;) {
     const { done, value } = await reader.read();
     if (done) return;
@@ -60,5 +70,7 @@ export async function* fetched(address, signal, told) {
 }
 
 export function inKilobytes(bytes) {
-  return bytes < 1e6 ? `${Math.max(bytes / 1000, 0.1).toFixed(bytes < 1e4 ? 1 : 0)} KB` : `${(bytes / 1e6).toFixed(1)} MB`;
+  return bytes < 1e6
+    ? `${Math.max(bytes / 1000, 0.1).toFixed(bytes < 1e4 ? 1 : 0)} KB`
+    : `${(bytes / 1e6).toFixed(1)} MB`;
 }

@@ -5,8 +5,9 @@ const NEAR_REACH = 1.5; // of the second nearest view's distance, where shares r
 
 // How far views are from a camera, place (in depths) and direction alike.
 export function distances(views, depth, camera) {
-  return views.map(({ position, rotation }) => Math.hypot(
-    length(add(camera.position, position, -1)) / depth, length(add(camera.rotation[2], rotation[2], -1))));
+  return views.map(({ position, rotation }) =>
+    Math.hypot(length(add(camera.position, position, -1)) / depth, length(add(camera.rotation[2], rotation[2], -1))),
+  );
 }
 
 function ramp(distance, nearest, reach) {
@@ -25,14 +26,24 @@ export function shares(far) {
 // { view, isFront, from, to }; view is -1 where there is none. First copies of the surfaces that have a share in front, with
 // COPY set, then all; equal depths in their order. Self-contained, as a worker runs its text.
 export function sorting(means, parts) {
-  const COPY = 0x80000000, n = means.length / 3, counts = new Uint32Array(65536);
-  const keys = new Uint32Array(n), depths = new Float32Array(keys.buffer), fronts = new Uint8Array(n);
-  let [order, other] = [new Uint32Array(n), new Uint32Array(n)], total = 0;
-  function pass(shift) { // bits of positive floats rise as they do
+  const COPY = 0x80000000;
+  const n = means.length / 3;
+  const counts = new Uint32Array(65536);
+  const keys = new Uint32Array(n);
+  const depths = new Float32Array(keys.buffer);
+  const fronts = new Uint8Array(n);
+  let [order, other] = [new Uint32Array(n), new Uint32Array(n)];
+  let total = 0;
+  function pass(shift) {
+    // bits of positive floats rise as they do
     counts.fill(0);
     for (let i = 0; i < total; i++) counts[(keys[order[i]] >>> shift) & 65535]++;
     let sum = 0;
-    for (let b = 0; b < 65536; b++) { const count = counts[b]; counts[b] = sum; sum += count; }
+    for (let b = 0; b < 65536; b++) {
+      const count = counts[b];
+      counts[b] = sum;
+      sum += count;
+    }
     for (let i = 0; i < total; i++) other[counts[(keys[order[i]] >>> shift) & 65535]++] = order[i];
     [order, other] = [other, order];
   }

@@ -12,10 +12,19 @@ const find = (id) => document.getElementById(id);
 const SAYS = "it is made into a .tsplat file by: tinysplat"; // what other files are, by how they begin
 /** @type {[RegExp, string][]} */
 const OTHERS = [
-  [/^\x1f\x8b/, "gzip, as .spz files are; " + SAYS + " compress F.spz -o F.tsplat"], [/^NGSP/, "a .spz file; " + SAYS + " compress F.spz -o F.tsplat"],
-  [/^ply\r?\n/, "a .ply file; " + SAYS + " compress F.ply -o F.tsplat"], [/^PK/, "a zip archive, as .sog files are; " + SAYS + " compress F.sog -o F.tsplat"],
-  [/^glTF/, "a glTF file; " + SAYS + " compress F.glb -o F.tsplat"], [/^(\xff\xd8|\x89PNG|RIFF....WEBP|....ftyp(hei|mif|avif))/s, "a photo; a folder of them is made into a .tsplat file by: tinysplat poses FOLDER -o SCENE, tinysplat encode SCENE -o F.tsplat"],
-  [/^(....ftyp|\x1aE\xdf\xa3)/s, "a video; it is made into a .tsplat file by: tinysplat poses F.mp4 -o SCENE, tinysplat encode SCENE -o F.tsplat"],
+  [/^\x1f\x8b/, "gzip, as .spz files are; " + SAYS + " compress F.spz -o F.tsplat"],
+  [/^NGSP/, "a .spz file; " + SAYS + " compress F.spz -o F.tsplat"],
+  [/^ply\r?\n/, "a .ply file; " + SAYS + " compress F.ply -o F.tsplat"],
+  [/^PK/, "a zip archive, as .sog files are; " + SAYS + " compress F.sog -o F.tsplat"],
+  [/^glTF/, "a glTF file; " + SAYS + " compress F.glb -o F.tsplat"],
+  [
+    /^(\xff\xd8|\x89PNG|RIFF....WEBP|....ftyp(hei|mif|avif))/s,
+    "a photo; a folder of them is made into a .tsplat file by: tinysplat poses FOLDER -o SCENE, tinysplat encode SCENE -o F.tsplat",
+  ],
+  [
+    /^(....ftyp|\x1aE\xdf\xa3)/s,
+    "a video; it is made into a .tsplat file by: tinysplat poses F.mp4 -o SCENE, tinysplat encode SCENE -o F.tsplat",
+  ],
   [/^\s*</, "a web page, not a scene"],
 ];
 const MAGIC_BYTES = 16;
@@ -36,13 +45,18 @@ class Panel {
 
   // A scene, and what tsplat.js says of its file. isSame: of the same file, of which more is there.
   show(scene, cloud, about, isSame) {
-    const { views, hasCameras } = scene, { attribution, licence } = about.notes;
+    const { views, hasCameras } = scene;
+    const { attribution, licence } = about.notes;
     this.scene = scene;
     find("summary").textContent = [
       `${scene.count.toLocaleString("en")} Gaussians, colours of degree ${Math.sqrt(cloud.functions) - 1}, mode ${about.mode}${about.profile ? `, profile ${about.profile}` : ""}`,
-      bytesByUse(about).map(([use, bytes]) => `${use} ${inKilobytes(bytes)}`).join(", "),
+      bytesByUse(about)
+        .map(([use, bytes]) => `${use} ${inKilobytes(bytes)}`)
+        .join(", "),
       [attribution, licence].filter(Boolean).join(", "),
-    ].filter(Boolean).join("; ");
+    ]
+      .filter(Boolean)
+      .join("; ");
     if (isSame) return this.shown();
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
@@ -56,7 +70,9 @@ class Panel {
   // What of the file is there: a line beside the title.
   tell(views, received, whole) {
     const photos = views ? `${views} ${views > 1 ? "photos" : "photo"} · ` : "";
-    find("caption").textContent = photos + (received < whole ? `${Math.floor((100 * received) / whole)} % of ${inKilobytes(whole)}` : inKilobytes(whole));
+    find("caption").textContent =
+      photos +
+      (received < whole ? `${Math.floor((100 * received) / whole)} % of ${inKilobytes(whole)}` : inKilobytes(whole));
   }
 
   #listen() {
@@ -75,22 +91,40 @@ class Panel {
       viewer.setFree(find("free").checked);
       find("fliesRow").hidden = !find("free").checked;
     };
-    find("flies").onchange = () => { viewer.free.flies = find("flies").checked; };
-    find("back").onclick = () => { viewer.back(); viewer.canvas.focus(); };
+    find("flies").onchange = () => {
+      viewer.free.flies = find("flies").checked;
+    };
+    find("back").onclick = () => {
+      viewer.back();
+      viewer.canvas.focus();
+    };
     find("link").onclick = async () => {
-      find("link").textContent = await copied(this.link()) ? "Copied" : "The address bar has the link";
-      setTimeout(() => { find("link").textContent = words; }, 2000);
+      find("link").textContent = (await copied(this.link())) ? "Copied" : "The address bar has the link";
+      setTimeout(() => {
+        find("link").textContent = words;
+      }, 2000);
     };
     const compare = (isAsked) => {
       this.compares = isAsked;
       if (isAsked && this.scene && viewer.isSwinging) viewer.select(viewer.nearest()[0]); // what moves stops at a photo's place
       this.shown();
-    }, words = find("link").textContent, isC = ({ code, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey;
+    };
+    const words = find("link").textContent;
+    const isC = ({ code, ctrlKey, metaKey }) => code === "KeyC" && !ctrlKey && !metaKey;
     find("compare").onpointerdown = () => compare(true);
-    for (const name of ["pointerup", "pointercancel", "blur"]) addEventListener(name, () => { if (this.compares) compare(false); });
-    find("compare").onclick = ({ detail }) => { if (!detail) compare(!this.compares); }; // by a key
-    addEventListener("keydown", (event) => { if (isC(event) && !this.compares) compare(true); });
-    addEventListener("keyup", (event) => { if (isC(event)) compare(false); });
+    for (const name of ["pointerup", "pointercancel", "blur"])
+      addEventListener(name, () => {
+        if (this.compares) compare(false);
+      });
+    find("compare").onclick = ({ detail }) => {
+      if (!detail) compare(!this.compares);
+    }; // by a key
+    addEventListener("keydown", (event) => {
+      if (isC(event) && !this.compares) compare(true);
+    });
+    addEventListener("keyup", (event) => {
+      if (isC(event)) compare(false);
+    });
   }
 
   select(i) {
@@ -101,8 +135,10 @@ class Panel {
   shown() {
     const { viewer, scene } = this;
     if (!scene) return;
-    const { current } = viewer, photo = this.photos[current];
-    const at = viewer.order.indexOf(current) + 1, { length } = viewer.order;
+    const { current } = viewer;
+    const photo = this.photos[current];
+    const at = viewer.order.indexOf(current) + 1;
+    const { length } = viewer.order;
     find("place").value = at;
     find("placeOf").textContent = `${at} / ${length}`;
     find("place").setAttribute("aria-valuetext", `${at} of ${length}`);
@@ -127,14 +163,17 @@ async function copied(text) {
 
 function hint(isTouch) {
   const words = find("hint");
-  words.textContent = isTouch ? "Drag to look around · pinch to come closer · tap twice to return" : "Drag to look around · scroll to come closer · double click to return";
+  words.textContent = isTouch
+    ? "Drag to look around · pinch to come closer · tap twice to return"
+    : "Drag to look around · scroll to come closer · double click to return";
   words.hidden = false;
   setTimeout(() => words.classList.add("done"), HINT_MS);
 }
 
 // What was given in place of a scene, by its first bytes.
 function refuseForeign(chunk) {
-  const start = String.fromCharCode(...chunk.subarray(0, MAGIC_BYTES)), found = OTHERS.find(([sign]) => sign.test(start));
+  const start = String.fromCharCode(...chunk.subarray(0, MAGIC_BYTES));
+  const found = OTHERS.find(([sign]) => sign.test(start));
   if (found) throw Object.assign(new Error(`this is ${found[1]}`), { name: "TsplatError" });
 }
 
@@ -143,7 +182,9 @@ const optionsOf = ({ search, hash }) => new URLSearchParams(`${search.slice(1)}&
 
 // Whether there are no colours yet, in a prefix that has forms alone.
 const isGrey = ({ sh, degree, count }) => {
-  for (let i = 0, stride = 3 * (degree + 1) ** 2; i < count; i += 1 + (count >> 10)) if (Math.abs(sh[stride * i] - sh[stride * i + 1]) + Math.abs(sh[stride * i] - sh[stride * i + 2]) > 0.01) return false;
+  for (let i = 0, stride = 3 * (degree + 1) ** 2; i < count; i += 1 + (count >> 10))
+    if (Math.abs(sh[stride * i] - sh[stride * i + 1]) + Math.abs(sh[stride * i] - sh[stride * i + 2]) > 0.01)
+      return false;
   return true;
 };
 
@@ -151,26 +192,59 @@ const picturesOf = ({ channels }) => channels.flat().reduce((sum, { bytes }) => 
 
 // What a part of a file shows.
 function shareOf({ count }, about) {
-  return count < about.count ? `${count.toLocaleString("en")} of ${about.count.toLocaleString("en")} Gaussians` : "all of it in less detail";
+  return count < about.count
+    ? `${count.toLocaleString("en")} of ${about.count.toLocaleString("en")} Gaussians`
+    : "all of it in less detail";
 }
 
-const nextFrame = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); });
+const nextFrame = () =>
+  new Promise((done) => {
+    requestAnimationFrame(() => setTimeout(done));
+  });
 
 class Page {
-  decoder; given; story; isBare; isEmbedded; first;
+  decoder;
+  given;
+  story;
+  isBare;
+  isEmbedded;
+  first;
   constructor(decoder, given, options) {
-    const isBare = options.has("bare"), isEmbedded = options.has("embed"), isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const isBare = options.has("bare");
+    const isEmbedded = options.has("embed");
+    const isStill = options.has("still") || matchMedia("(prefers-reduced-motion: reduce)").matches;
     document.body.classList.toggle("bare", isBare);
     document.body.classList.toggle("embed", isEmbedded);
-    Object.assign(this, { decoder, given, isBare, isEmbedded, first: options.has("camera") ? Number(options.get("camera")) : given.first });
+    Object.assign(this, {
+      decoder,
+      given,
+      isBare,
+      isEmbedded,
+      first: options.has("camera") ? Number(options.get("camera")) : given.first,
+    });
     this.linked = isBare ? null : options.get("view");
-    this.viewer = new Viewer(find("view"), {
-      drawn: () => this.#drawn(), moved: () => this.panel.shown(), touched: () => { find("hint").classList.add("done"); this.panel.shown(); },
-      rested: () => this.#rested(),
-    }, { isBare, isEmbedded, isStill, background: given.background });
+    this.viewer = new Viewer(
+      find("view"),
+      {
+        drawn: () => this.#drawn(),
+        moved: () => this.panel.shown(),
+        touched: () => {
+          find("hint").classList.add("done");
+          this.panel.shown();
+        },
+        rested: () => this.#rested(),
+      },
+      { isBare, isEmbedded, isStill, background: given.background },
+    );
     for (const name of ["popstate", "hashchange"]) addEventListener(name, () => this.#follow());
-    this.viewer.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.viewer.lose(); });
-    this.viewer.canvas.addEventListener("webglcontextrestored", () => { this.isAgain = true; this.reopen?.()?.catch((error) => this.fail(error)); });
+    this.viewer.canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      this.viewer.lose();
+    });
+    this.viewer.canvas.addEventListener("webglcontextrestored", () => {
+      this.isAgain = true;
+      this.reopen?.()?.catch((error) => this.fail(error));
+    });
     this.panel = new Panel(this.viewer, () => this.#address());
     this.tools = new Tools(this.viewer, find("found"), { measure: find("measure"), crop: find("crop") });
     globalThis.page = this.viewer; // for the console, and for checks
@@ -198,10 +272,15 @@ class Page {
     this.panel.shown();
   }
 
-  #view() { return viewText(this.viewer.camera, this.viewer.scene.frame, this.viewer.cloud.depth); }
+  #view() {
+    return viewText(this.viewer.camera, this.viewer.scene.frame, this.viewer.cloud.depth);
+  }
 
   #address(view = this.#view()) {
-    const kept = location.hash.slice(1).split("&").filter((part) => part && !/^(view|camera)=/.test(part));
+    const kept = location.hash
+      .slice(1)
+      .split("&")
+      .filter((part) => part && !/^(view|camera)=/.test(part));
     return `${location.href.split("#")[0]}#${[...kept, `view=${view}`].join("&")}`;
   }
 
@@ -220,7 +299,9 @@ class Page {
   }
 
   // Where a scene begins: where it was left, at what the address names, or where most of it shows.
-  #first(views) { return views[this.first] ? this.first : frontView(views); }
+  #first(views) {
+    return views[this.first] ? this.first : frontView(views);
+  }
 
   #drawn() {
     if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
@@ -230,7 +311,12 @@ class Page {
     this.wake?.();
   }
 
-  #whenDrawn() { return new Promise((done) => { this.wake = done; setTimeout(done, 1000); }); }
+  #whenDrawn() {
+    return new Promise((done) => {
+      this.wake = done;
+      setTimeout(done, 1000);
+    });
+  }
 
   fail(error) {
     if (error.name === "AbortError") return;
@@ -261,8 +347,12 @@ class Page {
 
   // Shows a file of which there are chunks, better and better.
   async open(name, chunks, whole) {
-    const signal = this.#begin(name), parts = [];
-    let frame = null, about = null, received = 0, isSame = this.isAgain;
+    const signal = this.#begin(name);
+    const parts = [];
+    let frame = null;
+    let about = null;
+    let received = 0;
+    let isSame = this.isAgain;
     this.isAgain = false;
     const kept = async function* () {
       for await (const chunk of chunks(signal)) {
@@ -274,7 +364,9 @@ class Page {
     const held = async () => new Uint8Array(await new Blob(parts).arrayBuffer());
     const show = (decoded, isAll = !decoded.missing.length) => {
       if (signal.aborted || (!isAll && !decoded.cameras.length && isGrey(decoded))) return;
-      const scene = sceneOf(decoded, this.given.cameras, frame), cloud = makeCloud(scene), isFirst = !frame && !isSame;
+      const scene = sceneOf(decoded, this.given.cameras, frame);
+      const cloud = makeCloud(scene);
+      const isFirst = !frame && !isSame;
       this.viewer.show(scene, cloud, !isFirst, scene.hasCameras ? this.#first(scene.views) : 0);
       frame = scene.frame;
       isSame = true;
@@ -284,8 +376,14 @@ class Page {
       if (isFirst) this.#begun();
     };
     const options = {
-      signal, threads: THREADS, limits: MOST,
-      onPicture: () => { if (about) find("status").textContent = `Loading … ${Math.min(99, Math.floor((100 * ++this.pictures) / picturesOf(about)))} %`; },
+      signal,
+      threads: THREADS,
+      limits: MOST,
+      onPicture: () => {
+        if (about)
+          find("status").textContent =
+            `Loading … ${Math.min(99, Math.floor((100 * ++this.pictures) / picturesOf(about)))} %`;
+      },
     };
     this.pictures = 0;
     try {
@@ -301,7 +399,9 @@ class Page {
       if (error.name !== "TsplatError" || !about || about.bytes <= bytes.length) throw error;
       const decoded = await this.decoder.decode(bytes, { ...options, maxBytes: received });
       show(decoded, true);
-      this.#say(`This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}, which show ${shareOf(decoded, about)}.`);
+      this.#say(
+        `This file is cut short: ${inKilobytes(received)} of ${inKilobytes(about.bytes)}, which show ${shareOf(decoded, about)}.`,
+      );
     }
     document.body.dataset.whole = "";
   }
@@ -315,8 +415,13 @@ class Page {
 
   async openOwn(bytes) {
     this.reopen = () => this.openOwn(bytes);
-    const about = (this.given.file = this.decoder.inspect(bytes)), { steps } = about;
-    return this.open("", () => paced(bytes, this.isBare || find("poster") ? [] : steps, () => this.#whenDrawn()), bytes.length);
+    const about = (this.given.file = this.decoder.inspect(bytes));
+    const { steps } = about;
+    return this.open(
+      "",
+      () => paced(bytes, this.isBare || find("poster") ? [] : steps, () => this.#whenDrawn()),
+      bytes.length,
+    );
   }
 
   async openChosen(file) {
@@ -329,19 +434,30 @@ class Page {
   // name: what the file is called, if not as its address ends.
   async openAddress(address, given) {
     this.reopen = () => this.openAddress(address, given);
-    const name = given ?? decodeURIComponent(new URL(address, location.href).pathname.split("/").at(-1)).replace(/\.tsplat$/, "");
+    const name =
+      given ?? decodeURIComponent(new URL(address, location.href).pathname.split("/").at(-1)).replace(/\.tsplat$/, "");
     const told = (received, whole) => {
-      find("status").textContent = whole ? `Loading … ${Math.floor((100 * received) / whole)} %` : `Loading … ${inKilobytes(received)}`;
+      find("status").textContent = whole
+        ? `Loading … ${Math.floor((100 * received) / whole)} %`
+        : `Loading … ${inKilobytes(received)}`;
     };
     return this.open(name, (signal) => fetched(address, signal, told), 0);
   }
 
-  listen() { // for files that are dropped or chosen
-    const take = (file) => { if (file) this.openChosen(file).catch((error) => this.fail(error)); };
+  listen() {
+    // for files that are dropped or chosen
+    const take = (file) => {
+      if (file) this.openChosen(file).catch((error) => this.fail(error));
+    };
     find("chosen").onchange = () => take(find("chosen").files[0]);
     find("open").onsubmit = (event) => event.preventDefault();
-    addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("dropping"); });
-    addEventListener("dragleave", (event) => { if (!event.relatedTarget) document.body.classList.remove("dropping"); });
+    addEventListener("dragover", (event) => {
+      event.preventDefault();
+      document.body.classList.add("dropping");
+    });
+    addEventListener("dragleave", (event) => {
+      if (!event.relatedTarget) document.body.classList.remove("dropping");
+    });
     addEventListener("drop", (event) => {
       event.preventDefault();
       document.body.classList.remove("dropping");
@@ -351,21 +467,23 @@ class Page {
 }
 
 // Until a page within another is tapped.
-const tapped = () => new Promise((done) => {
-  const button = find("begin");
-  [button.hidden, find("status").hidden] = [false, true];
-  find("cover").onclick = () => {
-    [button.hidden, find("status").hidden, find("cover").onclick] = [true, false, null];
-    find("view").focus();
-    done();
-  };
-});
+const tapped = () =>
+  new Promise((done) => {
+    const button = find("begin");
+    [button.hidden, find("status").hidden] = [false, true];
+    find("cover").onclick = () => {
+      [button.hidden, find("status").hidden, find("cover").onclick] = [true, false, null];
+      find("view").focus();
+      done();
+    };
+  });
 
 // decoder: tsplat.js; own: the file that the page carries, empty where it has none; story: story.js, where there is one.
 export async function start(decoder, own, story) {
   const source = story && own.length ? `<!DOCTYPE html>\n${document.documentElement.outerHTML}` : ""; // before anything changes
   find("blocked")?.remove();
-  const given = JSON.parse(find("scene").textContent), options = optionsOf(location);
+  const given = JSON.parse(find("scene").textContent);
+  const options = optionsOf(location);
   const page = new Page(decoder, given, options);
   page.panel.photos = given.photos;
   if (story && given.story) page.story = new story.Story(page, given.story, source);

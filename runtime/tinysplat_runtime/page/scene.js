@@ -10,9 +10,16 @@ const LEVEL = 0.1; // mean sine of the roll of cameras that are held level
 
 // A camera as the page takes it: rows of its rotation right, down and forward; position in the world.
 export function viewOf({ width, height, fx, fy, cx, cy, skew, c2w }) {
-  const forward = unit([c2w[2], c2w[6], c2w[10]]), right = [c2w[0], c2w[4], c2w[8]];
+  const forward = unit([c2w[2], c2w[6], c2w[10]]);
+  const right = [c2w[0], c2w[4], c2w[8]];
   const x = unit(add(right, forward, -dot(right, forward))); // exact where few digits were written
-  return { width, height, K: [fx, skew, fy, cx, cy], rotation: [x, cross(forward, x), forward], position: [c2w[3], c2w[7], c2w[11]] };
+  return {
+    width,
+    height,
+    K: [fx, skew, fy, cx, cy],
+    rotation: [x, cross(forward, x), forward],
+    position: [c2w[3], c2w[7], c2w[11]],
+  };
 }
 
 // Runs of Gaussians: of a view's pixels, or of none.
@@ -20,19 +27,30 @@ function partsOf(layers) {
   return layers.flatMap(({ views, count, offset }, layer) => {
     if (!views) return [{ view: -1, isFront: false, from: offset, to: offset + count }];
     const own = count / views;
-    return Array.from({ length: views }, (_, view) => ({ view, isFront: layer === 0, from: offset + view * own, to: offset + (view + 1) * own }));
+    return Array.from({ length: views }, (_, view) => ({
+      view,
+      isFront: layer === 0,
+      from: offset + view * own,
+      to: offset + (view + 1) * own,
+    }));
   });
 }
 
 // decoded: of tsplat.js. cameras: views of a file that has none. frame: of the same scene, decoded from fewer bytes.
 export function sceneOf(decoded, cameras = [], frame = null) {
-  const given = decoded.cameras.length ? decoded.cameras : cameras, taken = given.length ? given : decoded.viewpoints ?? [];
+  const given = decoded.cameras.length ? decoded.cameras : cameras;
+  const taken = given.length ? given : (decoded.viewpoints ?? []);
   const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)]; // of a list, where its photos were taken, or the side that shows most
   const { scale, centre } = frame ?? frameOf(decoded, world, world[0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   return {
-    ...shown(decoded, scale, add([...decoded.origin], centre, -1)), frame: { scale, centre }, views, hasCameras: taken.length > 0, reach: REACH,
-    nearPlane: NEAR_PLANE * scale, up: upOf(views),
+    ...shown(decoded, scale, add([...decoded.origin], centre, -1)),
+    frame: { scale, centre },
+    views,
+    hasCameras: taken.length > 0,
+    reach: REACH,
+    nearPlane: NEAR_PLANE * scale,
+    up: upOf(views),
   };
 }
 
@@ -45,7 +63,11 @@ function upOf(views) {
 }
 
 function frameOf({ means, opacities, count, origin }, views, { position, rotation }) {
-  const centre = scaled(views.reduce((sum, { position }) => add(sum, position), [0, 0, 0]), 1 / views.length), depths = [];
+  const centre = scaled(
+    views.reduce((sum, { position }) => add(sum, position), [0, 0, 0]),
+    1 / views.length,
+  );
+  const depths = [];
   const offset = add([...origin], position, -1);
   for (let i = 0; i < count; i += Math.ceil(count / 20000)) {
     const z = dot(rotation[2], add(means.subarray(3 * i, 3 * i + 3), offset));
@@ -57,12 +79,18 @@ function frameOf({ means, opacities, count, origin }, views, { position, rotatio
 
 // The Gaussians that can show, moved and scaled.
 function shown({ means, scales, quats, opacities, sh, degree, layers }, scale, offset) {
-  const functions = (degree + 1) ** 2, width = 3 * functions, parts = [];
-  const isShown = (i) => opacities[i] >= LEAST_OPACITY && Number.isFinite(means[3 * i] + means[3 * i + 1] + means[3 * i + 2]);
+  const functions = (degree + 1) ** 2;
+  const width = 3 * functions;
+  const parts = [];
+  const isShown = (i) =>
+    opacities[i] >= LEAST_OPACITY && Number.isFinite(means[3 * i] + means[3 * i + 1] + means[3 * i + 2]);
   let count = 0;
   for (let i = 0; i < opacities.length; i++) count += isShown(i) ? 1 : 0;
   const out = {
-    means: new Float32Array(3 * count), scales: new Float32Array(3 * count), quats: new Float32Array(4 * count), opacities: new Float32Array(count),
+    means: new Float32Array(3 * count),
+    scales: new Float32Array(3 * count),
+    quats: new Float32Array(4 * count),
+    opacities: new Float32Array(count),
     sh: new Float32Array(width * count),
   };
   let at = 0;

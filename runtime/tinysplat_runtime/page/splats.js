@@ -191,7 +191,8 @@ void main() {
   result = vec4(mix(0.4 * behind, seen.rgb + seen.a * behind, light), 1.0);
 }`;
 
-function work(sorting) { // in a worker: orders Gaussians
+function work(sorting) {
+  // in a worker: orders Gaussians
   let order;
   onmessage = ({ data }) => {
     if (data.means) order = sorting(data.means, data.parts);
@@ -202,7 +203,8 @@ function work(sorting) { // in a worker: orders Gaussians
   };
 }
 
-const SORTER = "tsplat-sorter", { url } = import.meta;
+const SORTER = "tsplat-sorter";
+const { url } = import.meta;
 if (/** @type {any} */ (globalThis).name === SORTER) work(sorting);
 
 // A worker of this file, or where the page carries its scripts, of the text of what it runs.
@@ -214,12 +216,16 @@ function sorter() {
 
 function program(gl, vertex, fragment) {
   const made = gl.createProgram();
-  for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+  for (const [kind, source] of [
+    [gl.VERTEX_SHADER, vertex],
+    [gl.FRAGMENT_SHADER, fragment],
+  ]) {
     const shader = gl.createShader(kind);
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
     gl.attachShader(made, shader);
-    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost())
+      throw new Error(gl.getShaderInfoLog(shader));
   }
   gl.linkProgram(made);
   if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(made));
@@ -244,24 +250,31 @@ function plainTexture(gl, inner, width, height) {
 
 // A texture of at least `count` texels of `words` whole numbers each, filled row by row with `data` if there are any.
 function dataTexture(gl, count, words, data) {
-  const height = Math.max(1, Math.ceil(count / TEXTURE_WIDTH)), limit = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-  if (height > limit) throw new Error(`more Gaussians than this device's textures hold (${height} rows, at most ${limit})`);
-  const [inner, format] = WORDS[words].map((name) => gl[name]), texture = plainTexture(gl, inner, TEXTURE_WIDTH, height);
+  const height = Math.max(1, Math.ceil(count / TEXTURE_WIDTH));
+  const limit = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  if (height > limit)
+    throw new Error(`more Gaussians than this device's textures hold (${height} rows, at most ${limit})`);
+  const [inner, format] = WORDS[words].map((name) => gl[name]);
+  const texture = plainTexture(gl, inner, TEXTURE_WIDTH, height);
   if (data) fill(gl, data, words, format);
   return texture;
 }
 
 // The first texels of the bound texture.
 function fill(gl, data, words, format) {
-  const row = TEXTURE_WIDTH * words, rows = Math.floor(data.length / row), rest = data.subarray(rows * row);
-  const put = (y, width, height, part) => gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, y, width, height, format, gl.UNSIGNED_INT, part);
+  const row = TEXTURE_WIDTH * words;
+  const rows = Math.floor(data.length / row);
+  const rest = data.subarray(rows * row);
+  const put = (y, width, height, part) =>
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, y, width, height, format, gl.UNSIGNED_INT, part);
   if (rows) put(0, TEXTURE_WIDTH, rows, data.subarray(0, rows * row));
   if (rest.length) put(rows, rest.length / words, 1, rest);
 }
 
 // Where a window shows the camera's own picture: left, bottom, right and top, in shares of the window.
 function pictureIn({ width, height, zoom }, window) {
-  const scale = Math.min(window.width / width, window.height / height) * zoom, half = [width / window.width, height / window.height].map((side) => (scale * side) / 2);
+  const scale = Math.min(window.width / width, window.height / height) * zoom;
+  const half = [width / window.width, height / window.height].map((side) => (scale * side) / 2);
   return [...half.map((side) => 0.5 - side), ...half.map((side) => 0.5 + side)];
 }
 
@@ -303,7 +316,8 @@ export class Splats {
 
   // Takes a cloud (cloud.js) in place of the one before.
   load(cloud) {
-    const { gl } = this, { count, functions } = cloud;
+    const { gl } = this;
+    const { count, functions } = cloud;
     this.#release();
     this.cloud = cloud;
     this.most = 2 * count; // places of an order: surfaces stand in it twice
@@ -317,12 +331,16 @@ export class Splats {
     this.shares = plainTexture(gl, gl.R32F, cloud.viewCount + 1, 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
-    Object.values(this.records).forEach((texture, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0));
+    Object.values(this.records).forEach((texture, i) =>
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, places[i], gl.TEXTURE_2D, texture, 0),
+    );
     gl.drawBuffers(places);
     this.#startSorter();
   }
 
-  stop() { this.worker?.terminate(); }
+  stop() {
+    this.worker?.terminate();
+  }
 
   // Draws nothing from now on.
   clear() {
@@ -337,7 +355,12 @@ export class Splats {
   #release() {
     const { gl } = this;
     this.worker?.terminate();
-    for (const texture of [...Object.values(this.textures ?? {}), ...Object.values(this.records ?? {}), this.shares ?? null]) gl.deleteTexture(texture);
+    for (const texture of [
+      ...Object.values(this.textures ?? {}),
+      ...Object.values(this.records ?? {}),
+      this.shares ?? null,
+    ])
+      gl.deleteTexture(texture);
     this.sortedCount = -1;
     this.asked = this.answered = this.oldest = 0;
   }
@@ -358,22 +381,29 @@ export class Splats {
   }
 
   // Whether the last order asked for is at hand.
-  get isSorted() { return this.answered === this.asked; }
+  get isSorted() {
+    return this.answered === this.asked;
+  }
 
   // Whether there is an order that will do: one from about where the camera is.
-  get hasOrder() { return this.sortedCount >= 0 && this.answered >= this.oldest; }
+  get hasOrder() {
+    return this.sortedCount >= 0 && this.answered >= this.oldest;
+  }
 
   // Asks for the order seen from a camera (see camera.js), by views' shares (near.js). isElsewhere: no order from before will do.
   sort(camera, nearPlane, shares, isElsewhere) {
     if (isElsewhere) this.oldest = this.asked + 1;
-    const [x, y, z] = camera.rotation[2], [px, py, pz] = camera.position;
+    const [x, y, z] = camera.rotation[2];
+    const [px, py, pz] = camera.position;
     this.worker.postMessage({ plane: [x, y, z, -(x * px + y * py + z * pz)], nearPlane, shares, id: ++this.asked });
   }
 
   // Draws one frame; `share` < 1 draws fewer pixels and enlarges them, for as long as things move.
   draw(camera, options, share = 1) {
-    const { gl } = this, { canvas } = gl;
-    const width = Math.max(1, Math.round(canvas.width * share)), height = Math.max(1, Math.round(canvas.height * share));
+    const { gl } = this;
+    const { canvas } = gl;
+    const width = Math.max(1, Math.round(canvas.width * share));
+    const height = Math.max(1, Math.round(canvas.height * share));
     this.#resize(width, height);
     const view = camera.fitted(width, height);
     this.#projectAll(view, camera.position, width, height, options);
@@ -389,7 +419,8 @@ export class Splats {
       this.#paint(places[i], places[i + 1], width, height);
     }
     gl.disable(gl.DEPTH_TEST);
-    const ground = options.ground ?? [0, 0, 0], frame = options.isFramed ? pictureIn(camera, canvas) : [0, 0, 1, 1];
+    const ground = options.ground ?? [0, 0, 0];
+    const frame = options.isFramed ? pictureIn(camera, canvas) : [0, 0, 1, 1];
     if (options.isFramed && options.follow) this.#follow(frame, ground, options.follow);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -407,17 +438,22 @@ export class Splats {
 
   // Brings what lies behind nearer to the picture's own colours, by a share.
   #follow(frame, ground, share) {
-    const { gl, target, blur } = this, { uniforms } = blur;
+    const { gl, target, blur } = this;
+    const { uniforms } = blur;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.blurred.frame);
     gl.viewport(0, 0, BLUR_SIDE, BLUR_SIDE);
     gl.useProgram(blur.made);
     bindTextures(gl, uniforms, { picture: target.texture });
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
     gl.generateMipmap(gl.TEXTURE_2D);
-    const shown = [0, 1].map((k) => Math.max(frame[k], 0)), end = [2, 3].map((k) => Math.min(frame[k], 1));
+    const shown = [0, 1].map((k) => Math.max(frame[k], 0));
+    const end = [2, 3].map((k) => Math.min(frame[k], 1));
     gl.uniform4f(uniforms.frame, ...shown, ...end);
     gl.uniform3fv(uniforms.ground, ground);
-    gl.uniform1f(uniforms.level, Math.log2(Math.max((end[0] - shown[0]) * target.width, (end[1] - shown[1]) * target.height) / BLUR_SIDE));
+    gl.uniform1f(
+      uniforms.level,
+      Math.log2(Math.max((end[0] - shown[0]) * target.width, (end[1] - shown[1]) * target.height) / BLUR_SIDE),
+    );
     gl.enable(gl.BLEND);
     gl.blendColor(0, 0, 0, share);
     gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
@@ -457,7 +493,8 @@ export class Splats {
   }
 
   #projectAll(view, eye, width, height, options) {
-    const { gl } = this, { uniforms } = this.project;
+    const { gl } = this;
+    const { uniforms } = this.project;
     gl.useProgram(this.project.made);
     this.#fillShares(options.shares);
     bindTextures(gl, uniforms, { ...this.textures, shares: this.shares });

@@ -8,13 +8,30 @@ const BESIDE_PX = 2; // of an end, about which a length's uncertainty is measure
 const INSIDE = [0.05, 0.95]; // shares of the means that the first box lies between
 const MARGIN = 16; // of the window, that a handle stays within
 const KEY_STEP = 0.02; // of the box, that a key moves a side
-const EDGES = [0, 1, 2].flatMap((k) => [0, 1, 2, 3].map((n) => [n & 1, n >> 1].reduce((corner, bit, i) => corner | (bit << ((k + 1 + i) % 3)), 0)).map((corner) => [corner, corner | (1 << k)]));
+const EDGES = [0, 1, 2].flatMap((k) =>
+  [0, 1, 2, 3]
+    .map((n) => [n & 1, n >> 1].reduce((corner, bit, i) => corner | (bit << ((k + 1 + i) % 3)), 0))
+    .map((corner) => [corner, corner | (1 << k)]),
+);
 
-const rounded = (values, step) => values.map((x) => Number(x.toFixed(Math.max(0, Math.ceil(2 - Math.log10(step || 1))))));
-const lengthText = (x, unit) => (unit === "metre" ? (x < 1 ? `${(100 * x).toPrecision(3)} cm` : `${x.toPrecision(3)} m`) : `${x.toPrecision(4)} ${unit || "units"}`);
+const rounded = (values, step) =>
+  values.map((x) => Number(x.toFixed(Math.max(0, Math.ceil(2 - Math.log10(step || 1))))));
+const lengthText = (x, unit) =>
+  unit === "metre"
+    ? x < 1
+      ? `${(100 * x).toPrecision(3)} cm`
+      : `${x.toPrecision(3)} m`
+    : `${x.toPrecision(4)} ${unit || "units"}`;
 
 export class Tools {
-  viewer; words; buttons; held; kind; points; box; unit;
+  viewer;
+  words;
+  buttons;
+  held;
+  kind;
+  points;
+  box;
+  unit;
   // words: the element that says what was found. buttons: { measure, crop }, which turn them on and off.
   constructor(viewer, words, buttons) {
     Object.assign(this, { viewer, words, buttons, kind: "", points: [], box: null, unit: "" });
@@ -23,10 +40,22 @@ export class Tools {
     this.overlay.id = "overlay";
     canvas.after(this.overlay);
     for (const kind of ["measure", "crop"]) buttons[kind].onclick = () => this.use(this.kind === kind ? "" : kind);
-    canvas.addEventListener("pointerdown", ({ offsetX, offsetY }) => { this.pressed = [offsetX, offsetY]; });
-    canvas.addEventListener("click", ({ offsetX: x, offsetY: y }) => { if (Math.hypot(x - this.pressed?.[0], y - this.pressed?.[1]) < CLICK_PX) this.#pick(x, y); });
-    canvas.addEventListener("keydown", ({ code }) => { if (code === "Enter") this.#pick(canvas.clientWidth / 2, canvas.clientHeight / 2); });
-    addEventListener("dblclick", (event) => { if (this.kind === "measure" && event.target === canvas) event.stopImmediatePropagation(); }, true);
+    canvas.addEventListener("pointerdown", ({ offsetX, offsetY }) => {
+      this.pressed = [offsetX, offsetY];
+    });
+    canvas.addEventListener("click", ({ offsetX: x, offsetY: y }) => {
+      if (Math.hypot(x - this.pressed?.[0], y - this.pressed?.[1]) < CLICK_PX) this.#pick(x, y);
+    });
+    canvas.addEventListener("keydown", ({ code }) => {
+      if (code === "Enter") this.#pick(canvas.clientWidth / 2, canvas.clientHeight / 2);
+    });
+    addEventListener(
+      "dblclick",
+      (event) => {
+        if (this.kind === "measure" && event.target === canvas) event.stopImmediatePropagation();
+      },
+      true,
+    );
   }
 
   // kind: "measure", "crop" or "" for none.
@@ -41,8 +70,11 @@ export class Tools {
   }
 
   #bulk() {
-    const { means, opacities, count } = this.viewer.cloud, step = Math.ceil(count / 20000), some = [[], [], []];
-    for (let i = 0; i < count; i += step) if (opacities[i] > 0.1) some.forEach((line, k) => line.push(means[3 * i + k]));
+    const { means, opacities, count } = this.viewer.cloud;
+    const step = Math.ceil(count / 20000);
+    const some = [[], [], []];
+    for (let i = 0; i < count; i += step)
+      if (opacities[i] > 0.1) some.forEach((line, k) => line.push(means[3 * i + k]));
     const sorted = some.map((line) => line.sort((a, b) => a - b));
     return INSIDE.map((share) => sorted.map((line) => line[Math.floor(share * (line.length - 1))]));
   }
@@ -62,22 +94,33 @@ export class Tools {
   #pick(x, y) {
     if (this.kind !== "measure") return;
     if (this.points.length > 1) this.points = [];
-    const near = [[0, 0], [BESIDE_PX, 0], [-BESIDE_PX, 0], [0, BESIDE_PX], [0, -BESIDE_PX]];
+    const near = [
+      [0, 0],
+      [BESIDE_PX, 0],
+      [-BESIDE_PX, 0],
+      [0, BESIDE_PX],
+      [0, -BESIDE_PX],
+    ];
     this.points.push(near.map(([dx, dy]) => this.#world(this.viewer.pointAt(x + dx, y + dy))));
     this.#say();
     this.draw();
   }
 
   #say() {
-    const { kind, points, box, unit } = this, [one, other] = points;
+    const { kind, points, box, unit } = this;
+    const [one, other] = points;
     this.words.hidden = !kind;
     if (kind === "crop") {
-      const corners = box.map((corner) => this.#world(corner)), size = Math.min(...add(corners[1], corners[0], -1));
+      const corners = box.map((corner) => this.#world(corner));
+      const size = Math.min(...add(corners[1], corners[0], -1));
       this.words.textContent = `Drag the sides. tinysplat convert F -o G --crop=${rounded(corners.flat(), size)}`;
     } else if (kind && !other) {
-      this.words.textContent = one ? "Now the other end." : "Click on one end, or press Enter for the middle of the picture.";
+      this.words.textContent = one
+        ? "Now the other end."
+        : "Click on one end, or press Enter for the middle of the picture.";
     } else if (kind) {
-      const apart = one.flatMap((a) => other.map((b) => length(add(b, a, -1)))), [found] = apart;
+      const apart = one.flatMap((a) => other.map((b) => length(add(b, a, -1))));
+      const [found] = apart;
       const off = Math.sqrt(apart.reduce((sum, x) => sum + (x - found) ** 2, 0) / apart.length);
       const option = `tinysplat convert F -o G --length=${rounded([...one[0], ...other[0]], found)}=`;
       this.words.textContent = `${lengthText(found, unit)} ± ${lengthText(off, unit)}.${unit ? "" : ` To have metres, say how long it is, such as 0.74m: ${option}0.74m`}`;
@@ -86,12 +129,16 @@ export class Tools {
 
   // Where points of the page show, [x, y], of a segment as much as lies in front of the camera; null where none does.
   #segment(a, b) {
-    const { camera, canvas, scene } = this.viewer, { projection: P, principal } = camera.fitted(canvas.clientWidth, canvas.clientHeight);
-    const depth = (point) => dot(camera.rotation[2], add(point, camera.position, -1)), least = 10 * scene.nearPlane, [za, zb] = [depth(a), depth(b)];
+    const { camera, canvas, scene } = this.viewer;
+    const { projection: P, principal } = camera.fitted(canvas.clientWidth, canvas.clientHeight);
+    const depth = (point) => dot(camera.rotation[2], add(point, camera.position, -1));
+    const least = 10 * scene.nearPlane;
+    const [za, zb] = [depth(a), depth(b)];
     if (za < least && zb < least) return null;
     const cut = (point, other, z, w) => (z < least ? mix(point, other, (least - z) / (w - z)) : point);
     return [cut(a, b, za, zb), cut(b, a, zb, za)].map((point) => {
-      const ray = add(point, camera.position, -1), z = dot(P.slice(6), ray);
+      const ray = add(point, camera.position, -1);
+      const z = dot(P.slice(6), ray);
       return [dot(P.slice(0, 3), ray) / z + principal[0], dot(P.slice(3, 6), ray) / z + principal[1]];
     });
   }
@@ -110,7 +157,8 @@ export class Tools {
 
   // Over the picture that was drawn.
   draw() {
-    const { kind, points, box } = this, { scale, centre } = this.viewer.scene?.frame ?? {};
+    const { kind, points, box } = this;
+    const { scale, centre } = this.viewer.scene?.frame ?? {};
     if (!kind) return;
     for (const line of this.overlay.querySelectorAll("line, circle:not([tabindex])")) line.remove();
     if (kind === "measure") {
@@ -129,20 +177,39 @@ export class Tools {
 
   // What one drags a side by; it stays the same element, so that it keeps the focus.
   #handle(side) {
-    const { box, overlay } = this, k = side >> 1, end = side & 1, middle = mix(box[0], box[1], 0.5).map((x, i) => (i === k ? box[end][k] : x));
-    const { clientWidth, clientHeight } = this.viewer.canvas, at = this.#segment(middle, middle)?.[0], inside = (x, size) => (at ? clamp(x, MARGIN, size - MARGIN) : -MARGIN);
-    const handle = overlay.querySelectorAll("[tabindex]")[side] ?? this.#shape("circle", { r: 9, tabindex: 0, role: "slider", "aria-label": `${"xyz"[k]}, ${end ? "upper" : "lower"} side` });
+    const { box, overlay } = this;
+    const k = side >> 1;
+    const end = side & 1;
+    const middle = mix(box[0], box[1], 0.5).map((x, i) => (i === k ? box[end][k] : x));
+    const { clientWidth, clientHeight } = this.viewer.canvas;
+    const at = this.#segment(middle, middle)?.[0];
+    const inside = (x, size) => (at ? clamp(x, MARGIN, size - MARGIN) : -MARGIN);
+    const handle =
+      overlay.querySelectorAll("[tabindex]")[side] ??
+      this.#shape("circle", {
+        r: 9,
+        tabindex: 0,
+        role: "slider",
+        "aria-label": `${"xyz"[k]}, ${end ? "upper" : "lower"} side`,
+      });
     handle.setAttribute("cx", inside(at?.[0], clientWidth));
     handle.setAttribute("cy", inside(at?.[1], clientHeight));
     handle.setAttribute("aria-valuenow", rounded(this.#world(box[end]), box[1][k] - box[0][k])[k]);
-    handle.onpointerdown = (event) => { handle.setPointerCapture(event.pointerId); this.viewer.swing(false); this.held = event; };
+    handle.onpointerdown = (event) => {
+      handle.setPointerCapture(event.pointerId);
+      this.viewer.swing(false);
+      this.held = event;
+    };
     handle.onpointermove = (event) => {
       if (!handle.hasPointerCapture(event.pointerId)) return;
-      const dx = event.clientX - this.held.clientX, dy = event.clientY - this.held.clientY;
+      const dx = event.clientX - this.held.clientX;
+      const dy = event.clientY - this.held.clientY;
       this.held = event;
-      const unit = middle.map((x, i) => (i === k ? x + 0.01 * (box[1][k] - box[0][k]) : x)), [from, to] = this.#segment(middle, unit) ?? [];
+      const unit = middle.map((x, i) => (i === k ? x + 0.01 * (box[1][k] - box[0][k]) : x));
+      const [from, to] = this.#segment(middle, unit) ?? [];
       if (!from) return;
-      const way = [to[0] - from[0], to[1] - from[1]], square = Math.max(way[0] ** 2 + way[1] ** 2, 0.01);
+      const way = [to[0] - from[0], to[1] - from[1]];
+      const square = Math.max(way[0] ** 2 + way[1] ** 2, 0.01);
       this.#move(k, end, (0.01 * (dx * way[0] + dy * way[1])) / square);
     };
     handle.onkeydown = ({ code }) => {
@@ -152,7 +219,10 @@ export class Tools {
   }
 
   #move(k, end, share) {
-    const { box } = this, wide = box[1][k] - box[0][k], least = 0.01 * wide, moved = box[end][k] + share * wide;
+    const { box } = this;
+    const wide = box[1][k] - box[0][k];
+    const least = 0.01 * wide;
+    const moved = box[end][k] + share * wide;
     box[end][k] = end ? Math.max(moved, box[0][k] + least) : Math.min(moved, box[1][k] - least);
     this.#say();
     this.draw();

@@ -19,25 +19,61 @@ const MOST_RATIO = 3; // pixels of a canvas to one of the page's
 const FOLLOW = 0.12; // of margins, that a frame on the way to another place brings nearer to its own colours
 
 export class Viewer {
-  canvas; told; isBare; isStill; background; share; last; time; isFree; scene; cloud; splats;
+  canvas;
+  told;
+  isBare;
+  isStill;
+  background;
+  share;
+  last;
+  time;
+  isFree;
+  scene;
+  cloud;
+  splats;
   // canvas; told: { drawn, moved, touched, rested }, called after a frame, after movements, before the first of them, and
   // when all has come to rest.
   // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
   constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
-    Object.assign(this, { canvas, told, isBare, isStill, background, share: 1, last: 0, time: 0, isFree: false, showsDepth: false, leastOpacity: 0 });
-    this.controls = new Controls(canvas, {
-      mover: () => this.mover, moved: () => this.#moved(), point: (x, y) => this.pointAt(x, y), touched: () => this.#touch(),
-      back: () => this.back(), picked: (x, y) => this.#picked(x, y), released: () => this.#carryOn(),
-    }, isEmbedded);
+    Object.assign(this, {
+      canvas,
+      told,
+      isBare,
+      isStill,
+      background,
+      share: 1,
+      last: 0,
+      time: 0,
+      isFree: false,
+      showsDepth: false,
+      leastOpacity: 0,
+    });
+    this.controls = new Controls(
+      canvas,
+      {
+        mover: () => this.mover,
+        moved: () => this.#moved(),
+        point: (x, y) => this.pointAt(x, y),
+        touched: () => this.#touch(),
+        back: () => this.back(),
+        picked: (x, y) => this.#picked(x, y),
+        released: () => this.#carryOn(),
+      },
+      isEmbedded,
+    );
     this.isSwinging = !isBare && !isStill;
-    new ResizeObserver(() => { this.isDirty = true; }).observe(canvas);
+    new ResizeObserver(() => {
+      this.isDirty = true;
+    }).observe(canvas);
     requestAnimationFrame((now) => this.#frame(now));
   }
 
   // scene: scene.js, cloud: cloud.js; keeps the camera where a sharper cloud of the same scene comes, and stands at the
   // view `first` otherwise.
   show(scene, cloud, isSame = false, first = 0) {
-    this.splats ??= new Splats(this.canvas, () => { this.isDirty = true; });
+    this.splats ??= new Splats(this.canvas, () => {
+      this.isDirty = true;
+    });
     this.splats.load(cloud);
     Object.assign(this, { scene, cloud });
     this.isNew ||= !this.hasMoved; // margins follow a picture that gets better where it began
@@ -47,7 +83,8 @@ export class Viewer {
   }
 
   #stand(first) {
-    const { views, up, reach } = this.scene, window = () => [this.canvas.clientWidth, this.canvas.clientHeight];
+    const { views, up, reach } = this.scene;
+    const window = () => [this.canvas.clientWidth, this.canvas.clientHeight];
     this.camera = new Camera(views[first], reach);
     this.free = new FreeMover(this.camera, up, window, reach);
     this.near = this.bound && new BoundMover(this.camera, this.bound, up, window);
@@ -83,19 +120,26 @@ export class Viewer {
   }
 
   // Whether a frame has to be drawn.
-  get isDirty() { return this.hasChanged; }
+  get isDirty() {
+    return this.hasChanged;
+  }
 
   set isDirty(isDirty) {
     this.hasChanged = isDirty;
     if (isDirty) delete document.body.dataset.ready;
   }
 
-  get mover() { return this.isFree || !this.near ? this.free : this.near; }
+  get mover() {
+    return this.isFree || !this.near ? this.free : this.near;
+  }
 
   // The canvas takes its new size when it is drawn, as that empties it.
   #resize() {
-    const { canvas } = this, ratio = this.isBare ? 1 : Math.min(devicePixelRatio, MOST_RATIO);
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * ratio)));
+    const { canvas } = this;
+    const ratio = this.isBare ? 1 : Math.min(devicePixelRatio, MOST_RATIO);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) =>
+      Math.max(1, Math.round(side * ratio)),
+    );
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
   }
@@ -121,10 +165,13 @@ export class Viewer {
     this.isSwinging = this.touched = false;
     this.flight = null;
     this.current = this.nearest(pose)[0];
-    const { camera } = this, { K, width, height } = camera, to = { K, width, height, ...pose };
+    const { camera } = this;
+    const { K, width, height } = camera;
+    const to = { K, width, height, ...pose };
     const isFar = length(add(to.position, camera.position, -1)) > this.cloud.depth;
     if (isAtOnce || isFar) this.#set(to, true, zoom);
-    else this.flight = { from: { ...camera, rotation: camera.rotation.map((row) => [...row]) }, pose: to, zoom, done: 0 };
+    else
+      this.flight = { from: { ...camera, rotation: camera.rotation.map((row) => [...row]) }, pose: to, zoom, done: 0 };
   }
 
   back() {
@@ -134,7 +181,8 @@ export class Viewer {
 
   // To the view before or after in the order of a walk.
   step(by) {
-    const { order } = this, at = order.indexOf(this.current) + by;
+    const { order } = this;
+    const at = order.indexOf(this.current) + by;
     if (!this.flight && order[at] !== undefined) this.select(order[at]);
     this.told.moved();
   }
@@ -214,54 +262,83 @@ export class Viewer {
 
   // The point that shows at a pixel: on the nearest Gaussians there, or as deep as the scene where there are none.
   pointAt(x, y) {
-    const { means, opacities, depth } = this.cloud, { clientWidth, clientHeight } = this.canvas, { camera } = this;
-    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight), depths = [];
+    const { means, opacities, depth } = this.cloud;
+    const { clientWidth, clientHeight } = this.canvas;
+    const { camera } = this;
+    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight);
+    const depths = [];
     for (let i = 0; i < opacities.length; i++) {
       if (opacities[i] < 0.25) continue;
-      const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1), z = dot(P.slice(6), ray);
+      const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1);
+      const z = dot(P.slice(6), ray);
       if (z <= this.scene.nearPlane) continue;
-      const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x, dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
+      const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x;
+      const dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
       if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
     }
     const found = depths.length ? depths.sort((a, b) => a - b)[depths.length >> 2] : depth;
     return add(camera.position, camera.ray(x, y, clientWidth, clientHeight), found);
   }
 
-  #picked(x, y) { // freely: turns about that point from now on
+  #picked(x, y) {
+    // freely: turns about that point from now on
     if (!this.isFree && this.near) return this.back();
-    const { camera } = this, to = add(this.pointAt(x, y), camera.position, -1), [right, down, forward] = camera.rotation;
-    camera.swing(this.scene.up, -Math.atan2(dot(to, right), dot(to, forward)), Math.atan2(dot(to, down), dot(to, forward)));
+    const { camera } = this;
+    const to = add(this.pointAt(x, y), camera.position, -1);
+    const [right, down, forward] = camera.rotation;
+    camera.swing(
+      this.scene.up,
+      -Math.atan2(dot(to, right), dot(to, forward)),
+      Math.atan2(dot(to, down), dot(to, forward)),
+    );
     camera.reach = length(to);
     this.#moved();
   }
 
   drawing() {
-    const { bound, isBare, showsDepth: depth } = this, isNear = bound && !this.isFree;
+    const { bound, isBare, showsDepth: depth } = this;
+    const isNear = bound && !this.isFree;
     const strain = isNear && this.touched ? bound.strain(this.camera) : 0;
     const isFramed = isNear && !isBare && !depth && !this.background; // else its surroundings continue the picture
     return {
-      nearPlane: this.scene.nearPlane, shares: this.shares(), depth, leastOpacity: this.leastOpacity,
-      fades: !isBare && !depth, light: isBare ? 1 : lightAt(strain), ground: depth ? [0, 0, 0] : this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground),
-      isFramed, follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
+      nearPlane: this.scene.nearPlane,
+      shares: this.shares(),
+      depth,
+      leastOpacity: this.leastOpacity,
+      fades: !isBare && !depth,
+      light: isBare ? 1 : lightAt(strain),
+      ground: depth ? [0, 0, 0] : (this.background ?? (isBare ? [0, 0, 0] : this.cloud.ground)),
+      isFramed,
+      follow: this.isNew ? 1 : this.flight || this.isSwinging ? FOLLOW : 0,
     };
   }
 
   // From view to view and back, or a small circle about a single one.
   #swing(seconds) {
-    const { path } = this, legs = path.length - 1;
+    const { path } = this;
+    const legs = path.length - 1;
     this.time += seconds;
     if (legs > 0) {
-      const turns = this.time / STEP_SECONDS / legs, at = legs * (legs > 1 ? 1 - Math.abs(1 - (turns % 2)) : (1 - Math.cos(Math.PI * turns)) / 2);
+      const turns = this.time / STEP_SECONDS / legs;
+      const at = legs * (legs > 1 ? 1 - Math.abs(1 - (turns % 2)) : (1 - Math.cos(Math.PI * turns)) / 2);
       const leg = Math.min(Math.floor(at), legs - 1);
       return this.#set(poseBetween(path[leg], path[leg + 1], at - leg), false, this.camera.zoom);
     }
-    const view = path[0], angle = (Math.PI * this.time) / STEP_SECONDS, wide = 0.7 * (this.bound?.side ?? 0.1 * this.scene.reach);
-    const aside = add(scaled(view.rotation[0], wide * Math.sin(angle)), view.rotation[1], 0.4 * wide * (Math.cos(angle) - 1));
+    const view = path[0];
+    const angle = (Math.PI * this.time) / STEP_SECONDS;
+    const wide = 0.7 * (this.bound?.side ?? 0.1 * this.scene.reach);
+    const aside = add(
+      scaled(view.rotation[0], wide * Math.sin(angle)),
+      view.rotation[1],
+      0.4 * wide * (Math.cos(angle) - 1),
+    );
     this.#set({ position: add(view.position, aside), rotation: view.rotation }, false, this.camera.zoom);
   }
 
   #fly(seconds) {
-    const { from, pose, zoom } = this.flight, done = (this.flight.done = Math.min(this.flight.done + seconds / FLIGHT_SECONDS, 1)), t = done * done * (3 - 2 * done);
+    const { from, pose, zoom } = this.flight;
+    const done = (this.flight.done = Math.min(this.flight.done + seconds / FLIGHT_SECONDS, 1));
+    const t = done * done * (3 - 2 * done);
     this.#set(poseBetween(from, pose, t), false, from.zoom + t * (zoom - from.zoom));
     if (done === 1) this.flight = null;
   }
@@ -294,7 +371,9 @@ export class Viewer {
   }
 
   // Whether there is an order from about here. The picture before stays otherwise, beside a small sign.
-  #isDrawable() { return this.splats.hasOrder && !this.isElsewhere; }
+  #isDrawable() {
+    return this.splats.hasOrder && !this.isElsewhere;
+  }
 
   #sign(isOld) {
     if (isOld) document.body.dataset.waits = "";

@@ -7,7 +7,21 @@ import { readLayer } from "./layers.js";
 import { readList } from "./list.js";
 import { readNotes } from "./notes.js";
 import { cursor, label, only, readTable } from "./sections.js";
-import { COLOR, DEPTH, EXACT, MAX_VIEWS, OFFSET, OPACITY, PHOTO, POSITION, ROTATION, SCALE, channelName, readPictures, requireSet } from "./table.js";
+import {
+  COLOR,
+  DEPTH,
+  EXACT,
+  MAX_VIEWS,
+  OFFSET,
+  OPACITY,
+  PHOTO,
+  POSITION,
+  ROTATION,
+  SCALE,
+  channelName,
+  readPictures,
+  requireSet,
+} from "./table.js";
 
 /** @typedef {import("./cameras.js").Camera} Camera */
 /** @typedef {import("./layers.js").Layer} Layer */
@@ -22,7 +36,13 @@ const MAX_SET_BYTES = 1024;
 /** @typedef {import("./tsplat.js").Scene["mode"]} Mode */
 
 /** @type {Limits} */
-export const LIMITS = { maxPixels: 2 ** 26, maxMemory: 2 ** 32, maxViews: MAX_VIEWS, maxLayers: 16, maxPerByte: Infinity };
+export const LIMITS = {
+  maxPixels: 2 ** 26,
+  maxMemory: 2 ** 32,
+  maxViews: MAX_VIEWS,
+  maxLayers: 16,
+  maxPerByte: Infinity,
+};
 
 /** Sections that a file of any mode may have. */
 const SHARED = ["SCEN", "NOTE", "PICT", "DATA", "CAMS"];
@@ -97,11 +117,17 @@ export function readContainer(bytes, reading) {
     require(belongs, `does not belong in a file of mode ${mode}`, label(section));
     const most = BY_LAYER.includes(type) ? count : type === "HEVC" ? MAX_SETS : 1;
     require(index < most, `index ${index}, accepted are ${most} from 0`, label(section));
-    require(type !== "HEVC" || section.length <= MAX_SET_BYTES, `${section.length} bytes, accepted are at most ${MAX_SET_BYTES}`, label(section));
+    require(type !== "HEVC" ||
+      section.length <= MAX_SET_BYTES, `${section.length} bytes, accepted are at most ${MAX_SET_BYTES}`, label(
+      section,
+    ));
   }
   const [fewest, most] = mode === "photos" ? [0, 0] : [1, limits.maxLayers];
   scene.require(count >= fewest && count <= most, `${count} layers, accepted are ${fewest} to ${most}`);
-  scene.require(viewCount >= (isList ? 0 : 1) && viewCount <= MAX_VIEWS, `${viewCount} views, accepted are 1 to ${MAX_VIEWS}`);
+  scene.require(
+    viewCount >= (isList ? 0 : 1) && viewCount <= MAX_VIEWS,
+    `${viewCount} views, accepted are 1 to ${MAX_VIEWS}`,
+  );
   const places = viewCount ? readCameras(cursor(only(sections, "CAMS")), viewCount) : [];
   const wanted = chosenViews(mode, viewCount, reading.views);
   const table = readPictures(sections, mode === "gaussians" ? wanted : undefined);
@@ -111,16 +137,36 @@ export function readContainer(bytes, reading) {
     require(belongs, `a row ${channelName(channel)} of layer ${channel.layer} in a file of mode ${mode}`, "PICT[0]");
   }
   const sets = new Map(sections.filter(({ type }) => type === "HEVC").map(({ index, data }) => [index, data]));
-  const views = isList ? [] : mode === "gaussians" ? table.views : wanted ?? table.views;
+  const views = isList ? [] : mode === "gaussians" ? table.views : (wanted ?? table.views);
   require(views.length <= limits.maxViews, `${views.length} views, the limit is ${limits.maxViews}`, "SCEN[0]");
   /** @type {Container} */
   const file = {
-    version, total, profile, qp, origin, mode, viewCount, table, views, cameras: views.map((view) => places[view]), places,
-    layers: [], exact: [], list: undefined, photos: undefined, sets, notes: readNotes(sections), sections,
+    version,
+    total,
+    profile,
+    qp,
+    origin,
+    mode,
+    viewCount,
+    table,
+    views,
+    cameras: views.map((view) => places[view]),
+    places,
+    layers: [],
+    exact: [],
+    list: undefined,
+    photos: undefined,
+    sets,
+    notes: readNotes(sections),
+    sections,
   };
   if (isList) file.list = readList(file, count, limits);
   else readViews(file, count, limits);
-  require(isWorth(file, bytes.length, limits), `more than ${limits.maxPerByte} Gaussians for each of its ${bytes.length} bytes`, "file");
+  require(isWorth(
+    file,
+    bytes.length,
+    limits,
+  ), `more than ${limits.maxPerByte} Gaussians for each of its ${bytes.length} bytes`, "file");
   return file;
 }
 
@@ -153,7 +199,9 @@ function modeOf(sections) {
 function chosenViews(mode, count, wanted) {
   if (!wanted) return undefined;
   require(mode === "gaussians" || mode === "lossless", `views of a file of mode ${mode}`, "views");
-  const isFine = wanted.every((view, i) => Number.isInteger(view) && view >= 0 && view < count && wanted.indexOf(view) === i);
+  const isFine = wanted.every(
+    (view, i) => Number.isInteger(view) && view >= 0 && view < count && wanted.indexOf(view) === i,
+  );
   require(isFine, `${wanted}, expected different numbers below ${count}`, "views");
   return wanted;
 }

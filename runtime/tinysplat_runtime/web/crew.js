@@ -137,7 +137,10 @@ class Helper {
       this.tasks.delete(id);
       if (this.tasks.size === 0) this.worker.unref?.();
       if (planes) task?.resolve(planes);
-      else task?.reject(error.section ? new TsplatError(error.message, error.section, error.offset) : new Error(error.message));
+      else
+        task?.reject(
+          error.section ? new TsplatError(error.message, error.section, error.offset) : new Error(error.message),
+        );
     }
     this.crew.feed();
   }
@@ -274,13 +277,22 @@ export function processors() {
 /** Decode what is sent here, if this is a worker that a crew started. */
 export function serve() {
   const threads = nodeModule("worker_threads");
-  const port = threads ? (threads.workerData === NAME ? threads.parentPort : undefined) : host.name === NAME ? host : undefined;
+  const port = threads
+    ? threads.workerData === NAME
+      ? threads.parentPort
+      : undefined
+    : host.name === NAME
+      ? host
+      : undefined;
   if (!port || (!threads && typeof host.WorkerGlobalScope === "undefined")) return;
   /** @param {{ id: number, job: Job }} message */
   const answer = ({ id, job }) => {
     try {
       const planes = decodePicture(job);
-      port.postMessage({ id, planes }, planes.map((plane) => plane.buffer));
+      port.postMessage(
+        { id, planes },
+        planes.map((plane) => plane.buffer),
+      );
     } catch (caught) {
       const error = /** @type {TsplatError} */ (caught);
       port.postMessage({ id, error: { message: error.message, section: error.section, offset: error.offset } });

@@ -79,9 +79,15 @@ export class Pictures {
     const { file } = this;
     const [planes] = await crew.run(
       {
-        sets: /** @type {Uint8Array} */ (file.sets.get(set)), data, width, height,
-        codedWidth: Math.max(16, 8 * Math.ceil(width / 8)), codedHeight: Math.max(16, 8 * Math.ceil(height / 8)),
-        chroma: 0, bits: PLANE_BITS, where: name,
+        sets: /** @type {Uint8Array} */ (file.sets.get(set)),
+        data,
+        width,
+        height,
+        codedWidth: Math.max(16, 8 * Math.ceil(width / 8)),
+        codedHeight: Math.max(16, 8 * Math.ceil(height / 8)),
+        chroma: 0,
+        bits: PLANE_BITS,
+        where: name,
       },
       this.signal,
     );
@@ -102,8 +108,15 @@ export class Pictures {
     const where = `photo ${view}`;
     const planes = await crew.run(
       {
-        sets: /** @type {Uint8Array} */ (sets.get(set)), data: intact(streams[view], where), width, height,
-        codedWidth: codedSide(width), codedHeight: codedSide(height), chroma: 1, bits: PHOTO_BITS, where,
+        sets: /** @type {Uint8Array} */ (sets.get(set)),
+        data: intact(streams[view], where),
+        width,
+        height,
+        codedWidth: codedSide(width),
+        codedHeight: codedSide(height),
+        chroma: 1,
+        bits: PHOTO_BITS,
+        where,
       },
       this.signal,
     );
@@ -142,14 +155,21 @@ async function decodeTiers(pictures) {
   const { degree } = list;
   const { count, shown, growth } = tiersShown(list, (stream) => pictures.has(stream));
   for (const channel of table.rows) {
-    if (channel.layer >= shown.length && channel.isCoded) pictures.checked(channel.streams[0], tierName(channel.layer, channel));
+    if (channel.layer >= shown.length && channel.isCoded)
+      pictures.checked(channel.streams[0], tierName(channel.layer, channel));
   }
   const out = newArrays(count, degree);
   let first = 0;
   for (const [number, tier] of shown.entries()) {
     const shape = listShape(tier.count);
-    await decodeTier(list, tier, growth, (channel) =>
-      pictures.plane(tierName(number, channel), channel.streams[0], shape, tier.set), out, first);
+    await decodeTier(
+      list,
+      tier,
+      growth,
+      (channel) => pictures.plane(tierName(number, channel), channel.streams[0], shape, tier.set),
+      out,
+      first,
+    );
     first += tier.count;
   }
   const layer = { views: 0, height: 0, width: 0, count, offset: 0, degree, cameras: [] };
@@ -176,13 +196,16 @@ function shapesOf(layers) {
 /** @param {Container} file @param {() => Promise<void>} pause @returns {Promise<Decoded>} */
 async function decodeLossless(file, pause) {
   const { shapes, out } = shapesOf(file.exact);
-  for (let i = 0; i < shapes.length; i++) await decodeExact(file.exact[i], i, file.origin, out, shapes[i].offset, pause);
+  for (let i = 0; i < shapes.length; i++)
+    await decodeExact(file.exact[i], i, file.origin, out, shapes[i].offset, pause);
   return { ...out, origin: file.origin, cameras: file.cameras, layers: shapes, missing: [] };
 }
 
 /** Refuse a file none of whose views of layer 0 has its depth. @param {Pictures} pictures */
 function requireDepth(pictures) {
-  const { layers: [layer] } = pictures.file;
+  const {
+    layers: [layer],
+  } = pictures.file;
   const channel = layer.channels[hidingRecord(layer)];
   const isThere = !channel?.isCoded || channel.streams.some((stream) => pictures.has(stream));
   require(isThere, "holds no intact depth picture", "file");

@@ -101,7 +101,8 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
       await breathe();
     }
   }
-  if (globalThis.crypto?.subtle) { // pages that came by plain HTTP have none: CRCs of all planes are right
+  if (globalThis.crypto?.subtle) {
+    // pages that came by plain HTTP have none: CRCs of all planes are right
     const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", littleEndian(all)));
     require(digest.every((byte, i) => byte === exact.sha256[i]), "SHA-256 of the planes differs", `EXAC[${index}]`);
   }
@@ -109,8 +110,19 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
   if (!halves.length) halves = Float32Array.from({ length: 65536 }, (_, bits) => widened(bits));
   /** @type {Layer} */
   const layer = {
-    height, width, degree: 0, isInverse: true, set: 0, k: 0, zMin: exact.zMin, zMax: exact.zMax, cameras,
-    references: undefined, mix: undefined, basis: undefined, channels: [],
+    height,
+    width,
+    degree: 0,
+    isInverse: true,
+    set: 0,
+    k: 0,
+    zMin: exact.zMin,
+    zMax: exact.zMax,
+    cameras,
+    references: undefined,
+    mix: undefined,
+    basis: undefined,
+    channels: [],
   };
   const synthesis = new Synthesis(layer, origin, out, first);
   const coefficients = planes.length - GEOMETRY;
@@ -133,7 +145,9 @@ export async function decodeExact(exact, index, origin, out, first, breathe) {
   }
   const end = first + cameras.length * pixels;
   const isFinite = [out.means.subarray(3 * first, 3 * end), out.scales.subarray(3 * first, 3 * end)];
-  require(isFinite.every((array) => array.every(Number.isFinite)), "decodes to numbers beyond float32", `EXAC[${index}]`);
+  require(isFinite.every((array) =>
+    array.every(Number.isFinite),
+  ), "decodes to numbers beyond float32", `EXAC[${index}]`);
 }
 
 /** @param {Uint16Array<ArrayBuffer>} numbers */

@@ -92,5 +92,15 @@ export function readExact(file, index) {
   const [channels, count] = [channelsOf(file.table, index), 12 + 3 * (degree + 1) ** 2];
   const isWhole = channels.length === count && channels.every(({ target, isCoded }, i) => target === i && isCoded);
   require(isWhole, `${channels.length} planes of layer ${index}, expected ${count}, each with pictures and in order`, "PICT[0]");
-  return { height, width, degree, zMin, zMax, sha256, cameras, views: file.views, planes: channels.map(({ streams }) => streams) };
+  return {
+    height,
+    width,
+    degree,
+    zMin,
+    zMax,
+    sha256,
+    cameras,
+    views: file.views,
+    planes: channels.map(({ streams }) => streams),
+  };
 }

@@ -71,5 +71,19 @@ export function readLayer(file, index) {
     fields.require(planeClass === DEPTH || !seen.has(name), `${name} stands twice`);
     seen.add(name);
   }
-  return { height, width, degree, isInverse: (flags & INVERSE_DEPTH) !== 0, set, k, zMin, zMax, cameras, references, mix, basis, channels };
+  return {
+    height,
+    width,
+    degree,
+    isInverse: (flags & INVERSE_DEPTH) !== 0,
+    set,
+    k,
+    zMin,
+    zMax,
+    cameras,
+    references,
+    mix,
+    basis,
+    channels,
+  };
 }

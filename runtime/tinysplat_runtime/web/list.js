@@ -119,19 +119,36 @@ function readTier(file, number, k) {
   const chain = [...levels, leaves];
   const grows = levels.every((size, i) => chain[i + 1] >= size && chain[i + 1] <= 8 * size);
   fields.require(levels[0] === 1 && grows, "the octree's levels do not grow as an octree's do");
-  fields.require(leaves <= count && escapes <= leaves, `${leaves} leaves and ${escapes} escapes for ${count} Gaussians`);
+  fields.require(
+    leaves <= count && escapes <= leaves,
+    `${leaves} leaves and ${escapes} escapes for ${count} Gaussians`,
+  );
   const centres = fields.numbers("f32", 7 + k);
-  fields.require(centres.every((centre) => Math.abs(centre) < MAX_DECODED), "a centre is out of range");
+  fields.require(
+    centres.every((centre) => Math.abs(centre) < MAX_DECODED),
+    "a centre is out of range",
+  );
   fields.finish();
   const found = channelsOf(file.table, number);
   const positions = found.find(({ planeClass }) => planeClass === POSITION);
   /** @type {[number, number][]} */
-  const wanted = [[COLOR, k], [OPACITY, 1], [SCALE, 3], [ROTATION, 3]];
-  const names = wanted.flatMap(([planeClass, targets]) => Array.from({ length: targets }, (_, target) => channelName({ planeClass, target })));
+  const wanted = [
+    [COLOR, k],
+    [OPACITY, 1],
+    [SCALE, 3],
+    [ROTATION, 3],
+  ];
+  const names = wanted.flatMap(([planeClass, targets]) =>
+    Array.from({ length: targets }, (_, target) => channelName({ planeClass, target })),
+  );
   const channels = names.map((name) => /** @type {Channel} */ (found.find((channel) => channelName(channel) === name)));
-  const isWhole = found.length === names.length + 1 && channels.every(Boolean) && positions?.isCoded && positions.target === 0;
+  const isWhole =
+    found.length === names.length + 1 && channels.every(Boolean) && positions?.isCoded && positions.target === 0;
   if (!positions || !isWhole) {
-    throw new TsplatError(`${found.length} channels of tier ${number}, expected ${names.length} and positions, each once`, "PICT[0]");
+    throw new TsplatError(
+      `${found.length} channels of tier ${number}, expected ${names.length} and positions, each once`,
+      "PICT[0]",
+    );
   }
   requireSet(file.sets, set, channels, fields.section);
   const own = channels.map((channel, i) => ({ ...channel, centre: centres[i] }));
@@ -162,7 +179,10 @@ function readFloats(fields, most) {
   const count = fields.u16();
   fields.require(count <= most, `${count} numbers, at most ${most}`);
   const values = fields.numbers("f32", count);
-  fields.require(values.every((value) => Math.abs(value) < MAX_DECODED), "a number is out of range");
+  fields.require(
+    values.every((value) => Math.abs(value) < MAX_DECODED),
+    "a number is out of range",
+  );
   return values;
 }
 

@@ -12,10 +12,37 @@ const TEXTS = { unit: 32, attribution: 1024, licence: 128, refined: 128, antiali
 /** First and last of each range of characters that do not print: FORMAT.md, "NOTE". */
 const NOT_PRINTED = new RegExp(
   `[${[
-    "00-1f", "7f-9f", "ad-ad", "600-605", "61c-61c", "6dd-6dd", "70f-70f", "890-891", "8e2-8e2", "180e-180e", "200b-200f",
-    "2028-202e", "2060-206f", "d800-dfff", "feff-feff", "fff9-fffb", "110bd-110bd", "110cd-110cd", "13430-1343f",
-    "1bca0-1bca3", "1d173-1d17a", "e0000-e007f",
-  ].map((range) => range.split("-").map((code) => `\\u{${code}}`).join("-")).join("")}]`, "u",
+    "00-1f",
+    "7f-9f",
+    "ad-ad",
+    "600-605",
+    "61c-61c",
+    "6dd-6dd",
+    "70f-70f",
+    "890-891",
+    "8e2-8e2",
+    "180e-180e",
+    "200b-200f",
+    "2028-202e",
+    "2060-206f",
+    "d800-dfff",
+    "feff-feff",
+    "fff9-fffb",
+    "110bd-110bd",
+    "110cd-110cd",
+    "13430-1343f",
+    "1bca0-1bca3",
+    "1d173-1d17a",
+    "e0000-e007f",
+  ]
+    .map((range) =>
+      range
+        .split("-")
+        .map((code) => `\\u{${code}}`)
+        .join("-"),
+    )
+    .join("")}]`,
+  "u",
 );
 
 /**

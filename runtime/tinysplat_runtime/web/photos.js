@@ -80,7 +80,8 @@ export function checkPrediction(prediction, views) {
   const { layers, origin } = prediction;
   require(layers.length > 0 && origin.length === 3, "no layers", "network");
   for (const layer of layers) {
-    const fits = layer.cameras.length === views && fieldsOf(layer).every(([name, size]) => layer[name].length === views * size);
+    const fits =
+      layer.cameras.length === views && fieldsOf(layer).every(([name, size]) => layer[name].length === views * size);
     require(fits, `a layer of ${layer.width}x${layer.height} whose arrays have other sizes`, "network");
   }
 }
@@ -101,8 +102,12 @@ export function joinGroups(found, groups, count) {
     return { ...layer, cameras: Array(count), ...arrays };
   });
   found.forEach((prediction, g) => {
-    const isAlike = prediction.layers.length === layers.length && prediction.layers.every((layer, i) =>
-      layer.height === layers[i].height && layer.width === layers[i].width && layer.degree === layers[i].degree);
+    const isAlike =
+      prediction.layers.length === layers.length &&
+      prediction.layers.every(
+        (layer, i) =>
+          layer.height === layers[i].height && layer.width === layers[i].width && layer.degree === layers[i].degree,
+      );
     require(isAlike, "layers of another shape than of the group before", "network");
     const shift = [0, 1, 2].map((axis) => prediction.origin[axis] - origin[axis]);
     prediction.layers.forEach((layer, i) => {
@@ -112,7 +117,8 @@ export function joinGroups(found, groups, count) {
         for (const [name, size] of fieldsOf(layer)) {
           const values = layer[name].subarray(at * size, (at + 1) * size);
           joined[i][name].set(values, view * size);
-          if (name === "means") for (let n = 0; n < size; n++) joined[i].means[view * size + n] = values[n] + shift[n % 3];
+          if (name === "means")
+            for (let n = 0; n < size; n++) joined[i].means[view * size + n] = values[n] + shift[n % 3];
         }
       }
     });
@@ -128,5 +134,11 @@ export function joinGroups(found, groups, count) {
  */
 function fieldsOf({ height, width, degree }) {
   const pixels = height * width;
-  return [["means", 3 * pixels], ["quats", 4 * pixels], ["scales", 3 * pixels], ["opacities", pixels], ["sh", 3 * (degree + 1) ** 2 * pixels]];
+  return [
+    ["means", 3 * pixels],
+    ["quats", 4 * pixels],
+    ["scales", 3 * pixels],
+    ["opacities", pixels],
+    ["sh", 3 * (degree + 1) ** 2 * pixels],
+  ];
 }

@@ -59,7 +59,8 @@ export function readTable(bytes, isPrefix) {
   const last = sections.at(-1);
   require(last?.type === "DATA" && last.start + last.length === end, "expected as the last section", "DATA[0]");
   const needed = last ? last.start : 0;
-  require(needed <= bytes.length, `the first ${bytes.length} bytes hold no picture; the metadata alone takes ${needed}`, "file", bytes.length);
+  require(needed <=
+    bytes.length, `the first ${bytes.length} bytes hold no picture; the metadata alone takes ${needed}`, "file", bytes.length);
   const labels = sections.map(label);
   for (const section of sections) {
     const isIntact = section === last || crc32(section.data) === section.crc;

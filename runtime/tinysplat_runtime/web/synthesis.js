@@ -50,7 +50,10 @@ export function newArrays(count, degree) {
  * @param {Float64Array} origin
  */
 function frameOf({ cameras, references }, view, origin) {
-  const camera = cameras[view], rotation = exactRotation(camera), { c2w } = camera, own = quaternionOf(rotation);
+  const camera = cameras[view];
+  const rotation = exactRotation(camera);
+  const { c2w } = camera;
+  const own = quaternionOf(rotation);
   const centre = [c2w[3] - origin[0], c2w[7] - origin[1], c2w[11] - origin[2]];
   const quat = references ? multiplied(own, references[view]) : own;
   return { camera, rotation, centre, quat, focal: Math.sqrt(camera.fx * camera.fy) };
@@ -159,7 +162,8 @@ export class Synthesis {
       row.fill(added[channel]);
       if (base) for (let x = 0; x < row.length; x++) row[x] += base[channel][start + x];
       for (let i = 0; i < codes.length; i++) {
-        const weight = weights[i][channel], picture = codes[i];
+        const weight = weights[i][channel];
+        const picture = codes[i];
         if (weight === 0 || picture === undefined) continue;
         if (typeof picture === "number") for (let x = 0; x < row.length; x++) row[x] += weight * picture;
         else for (let x = 0; x < row.length; x++) row[x] += weight * picture[start + x];
@@ -199,7 +203,10 @@ export class Synthesis {
       scales[3 * g + 1] = s1[x] > 0 ? s1[x] * size : 0;
       scales[3 * g + 2] = s2[x] > 0 ? s2[x] * size : 0;
       opacities[g] = opacity[x] < 0 ? 0 : opacity[x] > 1 ? 1 : opacity[x];
-      let w = r0[x], i = r1[x], j = r2[x], k = r3[x];
+      let w = r0[x];
+      let i = r1[x];
+      let j = r2[x];
+      let k = r3[x];
       const squared = i * i + j * j + k * k;
       if (references) w = Math.sqrt(1 - squared > MIN_W2 ? 1 - squared : MIN_W2);
       let length = Math.sqrt(squared + w * w);

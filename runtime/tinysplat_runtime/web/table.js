@@ -110,7 +110,9 @@ function readStreams(fields, count, data, start) {
  * @param {number} layer
  */
 export function channelsOf({ rows }, layer) {
-  return rows.filter((channel) => channel.layer === layer).sort((a, b) => a.planeClass - b.planeClass || a.target - b.target);
+  return rows
+    .filter((channel) => channel.layer === layer)
+    .sort((a, b) => a.planeClass - b.planeClass || a.target - b.target);
 }
 
 /**

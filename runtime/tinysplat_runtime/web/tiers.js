@@ -243,8 +243,12 @@ export async function decodeTier(scene, tier, growth, decode, out, first) {
   const { count, channels } = tier;
   const end = first + count;
   const part = {
-    count, degree: out.degree, means: out.means.subarray(3 * first, 3 * end), quats: out.quats.subarray(4 * first, 4 * end),
-    scales: out.scales.subarray(3 * first, 3 * end), opacities: out.opacities.subarray(first, end),
+    count,
+    degree: out.degree,
+    means: out.means.subarray(3 * first, 3 * end),
+    quats: out.quats.subarray(4 * first, 4 * end),
+    scales: out.scales.subarray(3 * first, 3 * end),
+    opacities: out.opacities.subarray(first, end),
     sh: out.sh.subarray(scene.mean.length * first, scene.mean.length * end),
   };
   placePoints(scene, tier.cell, decodeCells(tier, intact(tier.positions, POSITIONS)), part.means);
@@ -252,13 +256,20 @@ export async function decodeTier(scene, tier, growth, decode, out, first) {
   const found = {};
   /** @type {Order[]} */
   const orders = [{ rows: undefined, gains: undefined }];
-  const [determining, rest] = [true, false].map((isOne) => channels.filter((channel) => DETERMINING.includes(channelName(channel)) === isOne));
+  const [determining, rest] = [true, false].map((isOne) =>
+    channels.filter((channel) => DETERMINING.includes(channelName(channel)) === isOne),
+  );
   for (const channel of determining) {
     const name = channelName(channel);
     const plane = channel.isCoded ? await decode(channel) : undefined;
     require(!channel.isCoded || plane !== undefined, `holds no intact picture of ${name}, which sorts others`, "file");
     found[name] = channelValues(channel, plane, orders[orders.length - 1], count);
-    orders.push(orderBy(scene, DETERMINING.slice(0, orders.length).map((determinant) => found[determinant])));
+    orders.push(
+      orderBy(
+        scene,
+        DETERMINING.slice(0, orders.length).map((determinant) => found[determinant]),
+      ),
+    );
   }
   let isTurned = true;
   await Promise.all(
@@ -267,7 +278,9 @@ export async function decodeTier(scene, tier, growth, decode, out, first) {
       const isAbsent = channel.isCoded && plane === undefined;
       if (isAbsent && channel.planeClass === ROTATION) isTurned = false;
       const order = orders[orderOf(channel)];
-      const values = isAbsent ? new Float64Array(count).fill(channel.centre) : channelValues(channel, plane, order, count);
+      const values = isAbsent
+        ? new Float64Array(count).fill(channel.centre)
+        : channelValues(channel, plane, order, count);
       found[channelName(channel)] = values;
     }),
   );
@@ -339,7 +352,9 @@ function shapePoints(middle, found, isTurned, growth, { count, opacities, scales
  */
 function colourPoints({ mean, basis, k }, channels, found, sh) {
   const count = sh.length / mean.length;
-  const components = channels.filter((channel) => channel.planeClass === COLOR).map((channel) => found[channelName(channel)]);
+  const components = channels
+    .filter((channel) => channel.planeClass === COLOR)
+    .map((channel) => found[channelName(channel)]);
   for (let i = 0, at = 0; i < count; i++) {
     for (let row = 0; row < mean.length; row++) {
       let sum = mean[row];

@@ -8,7 +8,7 @@
 import { LIMITS, isWorth, readContainer } from "./container.js";
 import { breathe, crew, processors, serve } from "./crew.js";
 import { Pictures, decodeFile } from "./decoder.js";
-import { TsplatError, require } from "./errors.js";
+import { TsplatError } from "./errors.js";
 import { chunksOf } from "./chunks.js";
 import { label, neededBytes } from "./sections.js";
 import { COLOR, ROTATION, channelName, channelsOf } from "./table.js";
@@ -76,7 +76,14 @@ async function decodeContainer(file, options, known) {
 }
 
 /** Passes of a class's first rows and of the others, and how many are first: FORMAT.md, section 1. */
-const PASSES = [[0, 2, 1], [0, 3, 3], [1, 1, 1], [1, 1, 3], [2, 2, 4], [2, 2, 2]];
+const PASSES = [
+  [0, 2, 1],
+  [0, 3, 3],
+  [1, 1, 1],
+  [1, 1, 3],
+  [2, 2, 4],
+  [2, 2, 2],
+];
 
 /**
  * Where a file's picture gets better: ends of its passes, in bytes from its beginning.
@@ -93,7 +100,16 @@ function stepsOf({ table, mode, total }) {
     counts.set(`${layer} ${planeClass}`, number + 1);
     if (!isCoded || !streams.length || (mode !== "list" && mode !== "gaussians")) continue;
     const [first, later, base] = PASSES[planeClass] ?? [1, 1, 1];
-    const pass = mode === "gaussians" ? (number < base ? first : later) : planeClass === ROTATION ? 2 : layer || planeClass !== COLOR ? 0 : 1;
+    const pass =
+      mode === "gaussians"
+        ? number < base
+          ? first
+          : later
+        : planeClass === ROTATION
+          ? 2
+          : layer || planeClass !== COLOR
+            ? 0
+            : 1;
     const end = streams[streams.length - 1].end;
     if (`${layer} ${pass}` === ending) steps.pop();
     if (mode === "gaussians" && planeClass === COLOR && !layer && !isDyed) {
@@ -246,10 +262,23 @@ export function inspect(bytes, limits = {}) {
   const layers = grids.map(({ height, width, degree }) => ({ views: cameras.length, height, width, degree }));
   const counted = layers.reduce((sum, layer) => sum + layer.views * layer.height * layer.width, 0);
   const channels = Array.from({ length: Math.max(0, ...table.rows.map(({ layer }) => layer + 1)) }, (_, layer) =>
-    channelsOf(table, layer).map((channel) => ({ name: channelName(channel), bytes: channel.streams.map(({ length }) => length) })),
+    channelsOf(table, layer).map((channel) => ({
+      name: channelName(channel),
+      bytes: channel.streams.map(({ length }) => length),
+    })),
   );
   return {
-    version: version.join("."), mode, profile, qp, bytes: total, origin, cameras, notes, network: file.photos?.network, layers, channels,
+    version: version.join("."),
+    mode,
+    profile,
+    qp,
+    bytes: total,
+    origin,
+    cameras,
+    notes,
+    network: file.photos?.network,
+    layers,
+    channels,
     count: list ? list.count : grids.length ? counted : undefined,
     degree: list ? list.degree : Math.max(0, ...layers.map((layer) => layer.degree)),
     sections: file.sections.map((section) => ({ name: label(section), offset: section.start, bytes: section.length })),

@@ -16,7 +16,10 @@ function encoded(r, g, b) {
   const exponent = Math.ceil(Math.log2(Math.max(Math.abs(r), Math.abs(g), Math.abs(b), 2 ** -15)));
   const base = Math.min(exponent + 15, 31);
   const [x, y, z] = [r, g, b].map((value) => Math.min(Math.round((Math.abs(value) * 255) / 2 ** (base - 15)), 255));
-  return (x | (y << 8) | (z << 16) | ((Number(r < 0) | (Number(g < 0) << 1) | (Number(b < 0) << 2) | (base << 3)) << 24)) >>> 0;
+  return (
+    (x | (y << 8) | (z << 16) | ((Number(r < 0) | (Number(g < 0) << 1) | (Number(b < 0) << 2) | (base << 3)) << 24)) >>>
+    0
+  );
 }
 
 /**
@@ -41,7 +44,22 @@ export function splatsOf({ count, degree, means, quats, scales, opacities, sh, o
     const [w, x, y, z] = quats.subarray(4 * i, 4 * i + 4);
     const [mean, scale] = [means, scales].map((array) => array.subarray(3 * i, 3 * i + 3));
     utils.encodeExtSplat(
-      extArrays, i, mean[0], mean[1], mean[2], scale[0], scale[1], scale[2], x, y, z, w, opacities[i], r, g, b,
+      extArrays,
+      i,
+      mean[0],
+      mean[1],
+      mean[2],
+      scale[0],
+      scale[1],
+      scale[2],
+      x,
+      y,
+      z,
+      w,
+      opacities[i],
+      r,
+      g,
+      b,
     );
     for (let n = 0; n < functions; n++) {
       const from = at + 3 * (n + 1);

@@ -27,7 +27,21 @@ export class Generator {
     this.rest = (Math.min(scene.degree, MOST_DEGREE) + 1) ** 2 - 1; // functions beyond the first
     const rest = Array.from({ length: 3 * this.rest }, (_, i) => `f_rest_${i}`);
     const scales = ["scale_0", "scale_1", "scale_2"];
-    this.columnNames = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", ...rest, "opacity", ...scales, "rot_0", "rot_1", "rot_2", "rot_3"];
+    this.columnNames = [
+      "x",
+      "y",
+      "z",
+      "f_dc_0",
+      "f_dc_1",
+      "f_dc_2",
+      ...rest,
+      "opacity",
+      ...scales,
+      "rot_0",
+      "rot_1",
+      "rot_2",
+      "rot_3",
+    ];
   }
 
   /** @param {number} index @param {Record<string, number>} row */
@@ -38,7 +52,8 @@ export class Generator {
       row["xyz"[i]] = means[3 * index + i] * (i < 2 ? -1 : 1);
       row[`scale_${i}`] = Math.log(Math.max(scales[3 * index + i], LEAST));
       row[`f_dc_${i}`] = sh[at + i];
-      for (let n = 0; n < this.rest; n++) row[`f_rest_${i * this.rest + n}`] = sh[at + 3 * (n + 1) + i] * (n % 2 ? 1 : -1);
+      for (let n = 0; n < this.rest; n++)
+        row[`f_rest_${i * this.rest + n}`] = sh[at + 3 * (n + 1) + i] * (n % 2 ? 1 : -1);
     }
     const [w, x, y, z] = quats.subarray(4 * index, 4 * index + 4);
     [row.rot_0, row.rot_1, row.rot_2, row.rot_3] = [-z, -y, x, w];

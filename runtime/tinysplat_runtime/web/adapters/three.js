@@ -1,7 +1,10 @@
 /** `.tsplat` in three.js (r187 and later, `WebGPURenderer`, whose fallback is WebGL). */
 import { GaussianSplat } from "three/addons/objects/GaussianSplat.js";
 import {
-  SH_BAND_COMPONENTS, createGaussianSplatGeometry, createPackedSphericalHarmonicsBand, writeColorBytesFromSH0,
+  SH_BAND_COMPONENTS,
+  createGaussianSplatGeometry,
+  createPackedSphericalHarmonicsBand,
+  writeColorBytesFromSH0,
   writeCovariance,
 } from "three/addons/utils/GaussianSplatUtils.js";
 import { decode } from "../tsplat.js";
@@ -17,7 +20,9 @@ export function splatsOf({ count, degree, means, quats, scales, opacities, sh, o
   const stride = 3 * (degree + 1) ** 2;
   const covariances = new Float32Array(6 * count);
   const colors = new Uint8ClampedArray(4 * count);
-  const bands = Array.from({ length: Math.min(degree, MOST_DEGREE) }, (_, n) => createPackedSphericalHarmonicsBand(count, n + 1));
+  const bands = Array.from({ length: Math.min(degree, MOST_DEGREE) }, (_, n) =>
+    createPackedSphericalHarmonicsBand(count, n + 1),
+  );
   for (let i = 0; i < count; i++) {
     const [w, x, y, z] = quats.subarray(4 * i, 4 * i + 4);
     writeCovariance(covariances, 6 * i, scales[3 * i], scales[3 * i + 1], scales[3 * i + 2], x, y, z, w);

@@ -4,10 +4,10 @@
 
 /** β′ and tC′ by Q (table 8-12). */
 const BETAS = Uint8Array.from({ length: 52 }, (_, q) => (q < 16 ? 0 : q < 29 ? q - 10 : 2 * q - 38));
-const TCS = Uint8Array.of(
-  0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 5, 5,
-  6, 6, 7, 8, 9, 10, 11, 13, 14, 16, 18, 20, 22, 24,
-);
+const TCS = Uint8Array.from([
+  0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 5,
+  5, 6, 6, 7, 8, 9, 10, 11, 13, 14, 16, 18, 20, 22, 24,
+]);
 
 /** QpC by qPi from 30 to 43, of 4:2:0 (table 8-10). */
 const CHROMA_QPS = [29, 30, 31, 32, 33, 33, 34, 34, 35, 35, 36, 36, 37, 37];
@@ -123,8 +123,14 @@ function isSmooth(s, at, a, curved, beta, tc) {
  * @param {number} tc2 2 · tC
  */
 function filterStrongly(s, at, a, tc2) {
-  const p3 = s[at - 4 * a], p2 = s[at - 3 * a], p1 = s[at - 2 * a], p0 = s[at - a];
-  const q0 = s[at], q1 = s[at + a], q2 = s[at + 2 * a], q3 = s[at + 3 * a];
+  const p3 = s[at - 4 * a];
+  const p2 = s[at - 3 * a];
+  const p1 = s[at - 2 * a];
+  const p0 = s[at - a];
+  const q0 = s[at];
+  const q1 = s[at + a];
+  const q2 = s[at + 2 * a];
+  const q3 = s[at + 3 * a];
   s[at - a] = clip((p2 + 2 * p1 + 2 * p0 + 2 * q0 + q1 + 4) >> 3, p0 - tc2, p0 + tc2);
   s[at - 2 * a] = clip((p2 + p1 + p0 + q0 + 2) >> 2, p1 - tc2, p1 + tc2);
   s[at - 3 * a] = clip((2 * p3 + 3 * p2 + p1 + p0 + q0 + 4) >> 3, p2 - tc2, p2 + tc2);
@@ -143,7 +149,10 @@ function filterStrongly(s, at, a, tc2) {
  * @param {boolean} isQ
  */
 function filterWeakly(s, at, a, tc, most, isP, isQ) {
-  const p1 = s[at - 2 * a], p0 = s[at - a], q0 = s[at], q1 = s[at + a];
+  const p1 = s[at - 2 * a];
+  const p0 = s[at - a];
+  const q0 = s[at];
+  const q1 = s[at + a];
   let delta = (9 * (q0 - p0) - 3 * (q1 - p1) + 8) >> 4;
   if (Math.abs(delta) >= 10 * tc) return;
   delta = clip(delta, -tc, tc);
@@ -169,7 +178,10 @@ function filterChroma(plane, edges, start, a, b, index) {
   const tc = TCS[clip(chromaQp(index) + INTRA_TC + edges.tcOffset, 0, 53)] << (bits - 8);
   const most = (1 << bits) - 1;
   for (let i = start; i <= start + b; i += b) {
-    const p1 = s[i - 2 * a], p0 = s[i - a], q0 = s[i], q1 = s[i + a];
+    const p1 = s[i - 2 * a];
+    const p0 = s[i - a];
+    const q0 = s[i];
+    const q1 = s[i + a];
     const delta = clip((4 * (q0 - p0) + p1 - q1 + 4) >> 3, -tc, tc);
     s[i - a] = clip(p0 + delta, 0, most);
     s[i] = clip(q0 - delta, 0, most);
@@ -184,7 +196,12 @@ export const EDGE = 2;
 export const SAO_FIELDS = 6;
 
 /** hPos and vPos of the two neighbours by class (table 8-13). */
-const DIRECTIONS = [[1, 0], [0, 1], [1, 1], [-1, 1]];
+const DIRECTIONS = [
+  [1, 0],
+  [0, 1],
+  [1, 1],
+  [-1, 1],
+];
 
 /** edgeIdx by 2 + sign + sign (8.7.3.2), as the number of an offset; 0: none. */
 const EDGE_OFFSETS = [1, 2, 0, 3, 4];
@@ -205,7 +222,8 @@ export function offsetSamples(plane, sao, log2) {
   let at = 0;
   for (let y0 = 0; y0 < height; y0 += side) {
     for (let x0 = 0; x0 < width; x0 += side, at += SAO_FIELDS) {
-      const bottom = Math.min(y0 + side, height), right = Math.min(x0 + side, width);
+      const bottom = Math.min(y0 + side, height);
+      const right = Math.min(x0 + side, width);
       if (sao[at] === BAND) {
         bands.fill(0);
         for (let k = 0; k < 4; k++) bands[(sao[at + 1] + k) & 31] = sao[at + 2 + k];
@@ -217,8 +235,10 @@ export function offsetSamples(plane, sao, log2) {
       } else if (sao[at] === EDGE) {
         const [h, v] = DIRECTIONS[sao[at + 1]];
         const step = v * width + h;
-        const top = Math.max(y0, v), low = Math.min(bottom, height - v);
-        const left = Math.max(x0, h === 0 ? 0 : 1), far = Math.min(right, width - (h === 0 ? 0 : 1));
+        const top = Math.max(y0, v);
+        const low = Math.min(bottom, height - v);
+        const left = Math.max(x0, h === 0 ? 0 : 1);
+        const far = Math.min(right, width - (h === 0 ? 0 : 1));
         for (let y = top; y < low; y++) {
           for (let i = y * width + left; i < y * width + far; i++) {
             const sample = before[i];

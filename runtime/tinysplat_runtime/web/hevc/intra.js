@@ -109,12 +109,16 @@ function filtered(side, log2, mode, bits, isStrong) {
   const distance = Math.min(Math.abs(mode - DOWN), Math.abs(mode - ACROSS));
   if (mode === DC || distance <= FILTER_ABOVE[log2]) return border;
   const end = 4 * side;
-  const low = border[0], corner = border[2 * side], high = border[end];
+  const low = border[0];
+  const corner = border[2 * side];
+  const high = border[end];
   const limit = 1 << (bits - 5);
   smooth[0] = low;
   smooth[end] = high;
   if (
-    isStrong && side === 32 && Math.abs(corner + high - 2 * border[3 * side]) < limit &&
+    isStrong &&
+    side === 32 &&
+    Math.abs(corner + high - 2 * border[3 * side]) < limit &&
     Math.abs(corner + low - 2 * border[side]) < limit
   ) {
     for (let i = 1; i < 64; i++) {

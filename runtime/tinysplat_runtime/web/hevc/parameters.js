@@ -101,7 +101,9 @@ function readVps(unit) {
   const layers = reader.bits(8);
   const subLayers = reader.bits(3);
   reader.skip(1);
-  require(layers === ONE_LAYER && subLayers < 7 && reader.bits(16) === 0xffff, "a video parameter set of layers", "HEVC");
+  require(layers === ONE_LAYER &&
+    subLayers < 7 &&
+    reader.bits(16) === 0xffff, "a video parameter set of layers", "HEVC");
   skipProfile(reader, subLayers);
   skipOrdering(reader, subLayers);
   reader.skip(6);
@@ -192,7 +194,22 @@ function readSps(unit) {
   if (reader.flag()) require(reader.bits(8) === 0, "extensions of the sequence parameter set", "HEVC");
   const [left, right, top, bottom] = window;
   return {
-    id, vpsId, chroma, width, height, left, right, top, bottom, bits, log2MinCb, log2Ctb, log2MinTb, log2MaxTb, maxDepth, sao,
+    id,
+    vpsId,
+    chroma,
+    width,
+    height,
+    left,
+    right,
+    top,
+    bottom,
+    bits,
+    log2MinCb,
+    log2Ctb,
+    log2MinTb,
+    log2MaxTb,
+    maxDepth,
+    sao,
     strongSmoothing,
   };
 }
@@ -240,8 +257,23 @@ function readPps(unit) {
   const headerExtension = reader.flag() === 1;
   if (reader.flag()) require(reader.bits(8) === 0, "extensions of the picture parameter set", "HEVC");
   return {
-    id, spsId, extraBits, outputFlag, signHiding, initQp, qpDelta, qpDepth, cbOffset, crOffset, sliceChromaOffsets, acrossSlices,
-    deblockOverride, deblockDisabled, betaOffset, tcOffset, headerExtension,
+    id,
+    spsId,
+    extraBits,
+    outputFlag,
+    signHiding,
+    initQp,
+    qpDelta,
+    qpDepth,
+    cbOffset,
+    crOffset,
+    sliceChromaOffsets,
+    acrossSlices,
+    deblockOverride,
+    deblockDisabled,
+    betaOffset,
+    tcOffset,
+    headerExtension,
   };
 }
 

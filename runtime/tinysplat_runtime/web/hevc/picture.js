@@ -2,7 +2,16 @@
 import { TsplatError, require } from "../errors.js";
 import { Cabac } from "./cabac.js";
 import {
-  CBF_CHROMA, CBF_LUMA, CHROMA_MODE, INITIAL, PART_MODE, PREV_INTRA, QP_DELTA, SAO_MERGE, SAO_TYPE, SPLIT_CU,
+  CBF_CHROMA,
+  CBF_LUMA,
+  CHROMA_MODE,
+  INITIAL,
+  PART_MODE,
+  PREV_INTRA,
+  QP_DELTA,
+  SAO_MERGE,
+  SAO_TYPE,
+  SPLIT_CU,
   SPLIT_TRANSFORM,
 } from "./contexts.js";
 import { BAND, EDGE, SAO_FIELDS, chromaQp, deblock, offsetSamples } from "./filters.js";
@@ -189,7 +198,8 @@ export class PictureDecoder {
     }
     const half = side >> 1;
     for (let i = 0; i < 4; i++) {
-      const x = x0 + (i & 1) * half, y = y0 + (i >> 1) * half;
+      const x = x0 + (i & 1) * half;
+      const y = y0 + (i >> 1) * half;
       if (x < sps.width && y < sps.height) this.codingQuadtree(x, y, log2 - 1, depth + 1);
     }
   }
@@ -227,7 +237,8 @@ export class PictureDecoder {
     let flags = 0;
     for (let i = 0; i < parts; i++) flags |= cabac.bin(PREV_INTRA) << i;
     for (let i = 0; i < parts; i++) {
-      const x = x0 + (i & 1) * side, y = y0 + (i >> 1) * side;
+      const x = x0 + (i & 1) * side;
+      const y = y0 + (i >> 1) * side;
       const mode = this.lumaMode(x, y, (flags >> i) & 1);
       const units = side >> 2;
       const first = (y >> 2) * across4 + (x >> 2);
@@ -256,7 +267,9 @@ export class PictureDecoder {
     const at = (y >> 2) * across4 + (x >> 2);
     const a = x > 0 ? modes[at - 1] : DC;
     const b = y & ((1 << this.sps.log2Ctb) - 1) ? modes[at - across4] : DC;
-    let first = a, second = b, third = PLANAR;
+    let first = a;
+    let second = b;
+    let third = PLANAR;
     if (a === b) {
       first = a < 2 ? PLANAR : a;
       second = a < 2 ? DC : 2 + ((a + 29) & 31);
@@ -265,7 +278,8 @@ export class PictureDecoder {
       third = a === DC || b === DC ? DOWN : DC;
     }
     if (isPredicted) return cabac.bypass() ? (cabac.bypass() ? third : second) : first;
-    const low = Math.min(first, second, third), high = Math.max(first, second, third);
+    const low = Math.min(first, second, third);
+    const high = Math.max(first, second, third);
     let mode = cabac.bypasses(5);
     if (mode >= low) mode++;
     if (mode >= first + second + third - low - high) mode++;
@@ -347,7 +361,9 @@ export class PictureDecoder {
     }
     if (!this.sps.chroma || (log2 === 2 && part < 3)) return;
     const isLeast = log2 === 2; // four blocks of luma have one of chroma
-    const x = (isLeast ? xBase : x0) >> 1, y = (isLeast ? yBase : y0) >> 1, size = isLeast ? 2 : log2 - 1;
+    const x = (isLeast ? xBase : x0) >> 1;
+    const y = (isLeast ? yBase : y0) >> 1;
+    const size = isLeast ? 2 : log2 - 1;
     for (let i = 1; i < 3; i++) {
       predict(this.planes[i], this.done, x, y, size, this.chromaMode, false);
       if (cbfChroma & i) this.addResidual(i, x, y, size, this.chromaMode);

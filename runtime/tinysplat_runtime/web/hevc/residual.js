@@ -1,7 +1,15 @@
 /** Transform coefficients of a block: Rec. ITU-T H.265, clauses 7.3.8.11, 9.3.3.11, 9.3.4.2.4 to 9.3.4.2.7 and 8.6.3. */
 import { TsplatError } from "../errors.js";
 import {
-  GREATER1, GREATER1_CHROMA, GREATER2, GREATER2_CHROMA, LAST_X, LAST_Y, SIGNIFICANT, SIGNIFICANT_CHROMA, SUB_BLOCK,
+  GREATER1,
+  GREATER1_CHROMA,
+  GREATER2,
+  GREATER2_CHROMA,
+  LAST_X,
+  LAST_Y,
+  SIGNIFICANT,
+  SIGNIFICANT_CHROMA,
+  SUB_BLOCK,
   SUB_BLOCK_CHROMA,
 } from "./contexts.js";
 
@@ -153,8 +161,10 @@ export class Coefficients {
   read(cabac, log2, isChroma, scan, qp, signHiding) {
     const prefixX = lastPrefix(cabac, LAST_X, log2, isChroma);
     const prefixY = lastPrefix(cabac, LAST_Y, log2, isChroma);
-    const across = lastPlace(cabac, prefixX), down = lastPlace(cabac, prefixY);
-    const lastX = scan === 2 ? down : across, lastY = scan === 2 ? across : down;
+    const across = lastPlace(cabac, prefixX);
+    const down = lastPlace(cabac, prefixY);
+    const lastX = scan === 2 ? down : across;
+    const lastY = scan === 2 ? across : down;
     const subLog2 = log2 - 2;
     const subs = OF_BLOCKS[scan][subLog2];
     const order = IN_BLOCK[scan];
@@ -170,7 +180,8 @@ export class Coefficients {
     let greater1 = 1;
     for (let i = lastSub; i >= 0; i--) {
       const sub = subs[i];
-      const x = sub & (width - 1), y = sub >> subLog2;
+      const x = sub & (width - 1);
+      const y = sub >> subLog2;
       const neighbours = (x + 1 < width ? hasSub[sub + 1] : 0) | (y + 1 < width ? hasSub[sub + width] << 1 : 0);
       let isCoded = i === lastSub || i === 0;
       let isInferred = false;
@@ -192,7 +203,13 @@ export class Coefficients {
         if ((isInferred && count === 0) || cabac.bin(SIGNIFICANT_CONTEXTS[row])) places[count++] = 0;
       }
       if (count === 0) continue;
-      greater1 = this.readLevels(cabac, count, (i === 0 || isChroma ? 0 : 2) + (greater1 === 0 ? 1 : 0), isChroma, signHiding);
+      greater1 = this.readLevels(
+        cabac,
+        count,
+        (i === 0 || isChroma ? 0 : 2) + (greater1 === 0 ? 1 : 0),
+        isChroma,
+        signHiding,
+      );
       const corner = (y << 7) | (x << 2);
       for (let k = 0; k < count; k++) {
         const place = order[places[k]];

@@ -4,7 +4,8 @@
 
 /** Column 0 of transMatrix by row, from which all its other entries follow (8.6.4.2). */
 const FIRST = [
-  64, 90, 90, 90, 89, 88, 87, 85, 83, 82, 80, 78, 75, 73, 70, 67, 64, 61, 57, 54, 50, 46, 43, 38, 36, 31, 25, 22, 18, 13, 9, 4,
+  64, 90, 90, 90, 89, 88, 87, 85, 83, 82, 80, 78, 75, 73, 70, 67, 64, 61, 57, 54, 50, 46, 43, 38, 36, 31, 25, 22, 18,
+  13, 9, 4,
 ];
 
 /**
@@ -20,11 +21,13 @@ function cosine(m) {
 /** By log2 of the side less 2: transMatrix of that size, transposed, of the samples of its first half. */
 const MATRICES = [2, 3, 4, 5].map((log2) => {
   const side = 1 << log2;
-  return Int8Array.from({ length: (side * side) / 2 }, (_, i) => cosine((2 * (i >> log2) + 1) * (i & (side - 1)) << (5 - log2)));
+  return Int8Array.from({ length: (side * side) / 2 }, (_, i) =>
+    cosine(((2 * (i >> log2) + 1) * (i & (side - 1))) << (5 - log2)),
+  );
 });
 
 /** The matrix of 4 × 4 luma blocks (8.6.4.2, trType 1), by sample and coefficient. */
-const SINES = Int8Array.of(29, 74, 84, 55, 55, 74, -29, -84, 74, 0, -74, 74, 84, -74, 55, -29);
+const SINES = Int8Array.from([29, 74, 84, 55, 55, 74, -29, -84, 74, 0, -74, 74, 84, -74, 55, -29]);
 
 const middle = new Int32Array(32 * 32);
 
@@ -41,7 +44,9 @@ function to16(value) {
  */
 function transformColumns(block, log2) {
   const { values, columns, rows } = block;
-  const side = 1 << log2, half = 1 << (log2 - 1), matrix = MATRICES[log2 - 2];
+  const side = 1 << log2;
+  const half = 1 << (log2 - 1);
+  const matrix = MATRICES[log2 - 2];
   for (let x = 0; x < columns; x++) {
     for (let k = 0; k < half; k++) {
       let even = 64;
@@ -83,7 +88,9 @@ export function addCosines(block, log2, plane, start, stride) {
     return;
   }
   transformColumns(block, log2);
-  const columns = block.columns, half = side >> 1, matrix = MATRICES[log2 - 2];
+  const columns = block.columns;
+  const half = side >> 1;
+  const matrix = MATRICES[log2 - 2];
   for (let y = 0; y < side; y++) {
     const line = y << 5;
     const at = start + y * stride;
@@ -106,8 +113,22 @@ export function addCosines(block, log2, plane, start, stride) {
 /** @param {Int32Array} values whether of the first 4 × 4 only the first is not 0 */
 function isFlat(values) {
   return (
-    (values[1] | values[2] | values[3] | values[32] | values[33] | values[34] | values[35] | values[64] | values[65] |
-      values[66] | values[67] | values[96] | values[97] | values[98] | values[99]) === 0
+    (values[1] |
+      values[2] |
+      values[3] |
+      values[32] |
+      values[33] |
+      values[34] |
+      values[35] |
+      values[64] |
+      values[65] |
+      values[66] |
+      values[67] |
+      values[96] |
+      values[97] |
+      values[98] |
+      values[99]) ===
+    0
   );
 }
 
@@ -125,7 +146,10 @@ export function addSines(block, plane, start, stride) {
   const most = (1 << bits) - 1;
   const round = 1 << (shift - 1);
   for (let x = 0; x < 4; x++) {
-    const a = values[x], b = values[32 + x], c = values[64 + x], d = values[96 + x];
+    const a = values[x];
+    const b = values[32 + x];
+    const c = values[64 + x];
+    const d = values[96 + x];
     for (let k = 0; k < 4; k++) {
       const at = 4 * k;
       middle[32 * k + x] = to16((a * SINES[at] + b * SINES[at + 1] + c * SINES[at + 2] + d * SINES[at + 3] + 64) >> 7);
@@ -133,7 +157,10 @@ export function addSines(block, plane, start, stride) {
   }
   for (let y = 0; y < 4; y++) {
     const line = 32 * y;
-    const a = middle[line], b = middle[line + 1], c = middle[line + 2], d = middle[line + 3];
+    const a = middle[line];
+    const b = middle[line + 1];
+    const c = middle[line + 2];
+    const d = middle[line + 3];
     for (let k = 0; k < 4; k++) {
       const at = 4 * k;
       const sum = a * SINES[at] + b * SINES[at + 1] + c * SINES[at + 2] + d * SINES[at + 3];
