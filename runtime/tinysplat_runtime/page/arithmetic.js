@@ -1,5 +1,6 @@
-// What projecting a Gaussian takes (docs/CONVENTIONS.md, "Drawing"), in GLSL that is JavaScript but for its types: scalars
-// and constructors of vectors alone, no operators on vectors. Shaders include it, and tests/page runs the same text in node.
+// What projecting a Gaussian takes (docs/CONVENTIONS.md, "Drawing"), in GLSL that is JavaScript but for its types:
+// scalars and constructors of vectors alone, no operators on vectors. Shaders include it, and tests/page runs the same
+// text in node.
 
 export const ARITHMETIC = `
 const float SCREEN_PIXEL = 0.3;      // px², by which a splat is widened at least

@@ -1,15 +1,16 @@
-// Where a scene is good to look at: near the places that its photos were taken from, and between them. docs/lab/page.md has
-// the curves that SIDE was chosen by.
+// Where a scene is good to look at: near the places that its photos were taken from, and between them. docs/lab/page.md
+// has the curves that SIDE was chosen by.
 import { add, between, clamp, dot, length, mix, scaled } from "./vectors.js";
 
-const SIDE = 0.035; // of the depth, to any side of the views' hull, over the root of how far inverse depths spread beside their mean
-const LEAST_SIDE = 0.02;
-const MOST_SIDE = 0.12; // of the depth
+// Of the depth, to any side of the views' hull, over the root of how far inverse depths spread beside their mean.
+const SIDE = 0.035;
+const LEAST_SIDE = 0.02; // of the depth
+const MOST_SIDE = 0.12;
 const AHEAD = 2.5; // times as far: coming closer uncovers little
 const LOOK = 0.08; // of a picture's half, that the middle of the window may leave what the picture shows
 const ELASTIC = 0.35; // of a bound, that a hand may pull beyond it
-const NEIGHBOURS = 3;
-const ALL_JOINED = 4; // of many views, each is joined to its nearest; of few, all to all
+const NEIGHBOURS = 3; // nearest views that each of many is joined to
+const ALL_JOINED = 4; // views up to which all are joined to all
 const FARTHEST = 0.3; // in depths: between views farther apart surfaces fray, so that one flies there and does not stay
 const TURN = 0.5; // of directions beside places (in depths), where neighbours are looked for
 const ALONG = 0.3; // cosine to a pull, from which a view lies that way
@@ -52,7 +53,8 @@ function joined(views, depth) {
   return edges;
 }
 
-// The view that lies where a camera has been pulled to from its foot on the hull, the nearest of those that do; -1 where none does.
+// The view that lies where a camera has been pulled to from its foot on the hull, the nearest of those that do; -1
+// where none does.
 export function onward(views, depth, camera, foot) {
   const wanted = wayTo(camera, foot, depth, TURN);
   const size = Math.hypot(...wanted);

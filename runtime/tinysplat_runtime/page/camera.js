@@ -37,6 +37,17 @@ export class Camera {
     return add(add(forward, right, (x - principal[0]) / focals[0]), down, (y - principal[1]) / focals[1]);
   }
 
+  // Where points of the page show in a window: of each its pixel x and y, and its depth.
+  shown(width, height) {
+    const { projection, principal } = this.fitted(width, height);
+    const [across, down, ahead] = [0, 3, 6].map((at) => projection.slice(at, at + 3));
+    return (point) => {
+      const ray = add(point, this.position, -1);
+      const z = dot(ahead, ray);
+      return [dot(across, ray) / z + principal[0], dot(down, ray) / z + principal[1], z];
+    };
+  }
+
   get target() {
     return add(this.position, this.rotation[2], this.reach);
   }

@@ -1,10 +1,10 @@
 // Gaussians as what splats.js draws: textures' words, and what the page asks of them.
 import { add, clamp, dot, scaled } from "./vectors.js";
 
-const LOG_STEPS = 1024;
-const LOG_LOWEST = 32; // of a length's code: steps to a doubling, and what is added to its logarithm
-const INNER = 0.05;
-const OUTER = 0.1; // of a picture's shorter side: over which its surface fades towards its edges, and what lies beyond
+const LOG_STEPS = 1024; // of a length's code to a doubling
+const LOG_LOWEST = 32; // added to a length's logarithm
+const INNER = 0.05; // of a picture's shorter side, over which its surface fades towards its edges
+const OUTER = 0.1; // and over which what lies beyond does
 const SOLID = 0.5; // opacity from which a Gaussian counts as a surface
 const GROUND = 0.3; // of the scene's mean colour, where nothing is known
 
@@ -21,13 +21,13 @@ export function half(value) {
   return sign | (((bits & 0x7fffffff) - 0x38000000 + 0x1000) >>> 13);
 }
 
-export const lengthCode = (length) =>
+const lengthCode = (length) =>
   length > 0 ? clamp(Math.round((Math.log2(length) + LOG_LOWEST) * LOG_STEPS), 1, 65535) : 0;
 
 const snorm = (value) => Math.round(value * 32767) & 0xffff;
 
 // Where a point lies in a view: pixel x and y, and depth.
-export function pixelIn({ K: [fx, skew, fy, cx, cy], rotation, position }, point) {
+function pixelIn({ K: [fx, skew, fy, cx, cy], rotation, position }, point) {
   const ray = add(point, position, -1);
   const z = dot(rotation[2], ray);
   const y = dot(rotation[1], ray) / z;

@@ -19,8 +19,8 @@ const KEYS = {
 };
 const BACK = new Set(["Home", "Escape", "Digit0"]);
 const NOTCH = 1000; // pixels of a wheel to a factor of e
-const TAP_PX = 24;
-const TAP_MS = 350; // between two taps that are one
+const TAP_PX = 24; // between two taps that are one
+const TAP_MS = 350;
 
 export class Controls {
   canvas;

@@ -1,4 +1,5 @@
-// Files as scenes that get sharper: the one that the page carries, one that was chosen or dropped, or one by its address.
+// Files as scenes that get sharper: the one that the page carries, one that was chosen or dropped, or one by its
+// address.
 
 const MOST_BYTES = 1 << 30; // that are fetched
 
@@ -35,7 +36,8 @@ export async function* paced(bytes, steps, isFree) {
   }
 }
 
-// What bytes say of their file; undefined where they do not describe it, of which who reads the whole says what is wrong.
+// What bytes say of their file; undefined where they do not describe it, of which who reads the whole says what is
+// wrong.
 export function described(inspect, bytes) {
   try {
     return inspect(bytes);

@@ -1,17 +1,17 @@
 // Where a page begins: front.py in JavaScript, which has the reasons.
 import { add, cross, dot, length, scaled } from "./vectors.js";
 
-const COLUMNS = 4;
+const COLUMNS = 4; // of points in each picture
 const ROWS = 3;
-const DEPTHS = 3; // points in each picture
+const DEPTHS = 3;
 const CONVERGING = 0.01; // least spread of directions of view whose common point means something
-const SIDES = 16;
-const CELLS = 48;
-const DETAIL = 4; // directions that an object is looked at from, cells of a picture's side, and what contrast counts beside area
-const SIZE = 640;
-const FILLED = 0.9; // pixels of the picture's side, and how much of it the bulk takes
-const BULK = [0.03, 0.97];
-const SAMPLED = 20000; // shares that bound it on each axis, and points that are looked at
+const SIDES = 16; // directions that an object is looked at from
+const CELLS = 48; // of a picture's side
+const DETAIL = 4; // what contrast counts beside area
+const SIZE = 640; // pixels of the picture's side
+const FILLED = 0.9; // how much of it the bulk takes
+const BULK = [0.03, 0.97]; // shares that bound the bulk on each axis
+const SAMPLED = 20000; // points that are looked at
 const NEARLY = 0.95; // share of the most that is shown from which on a view shows nearly as much
 const OPAQUE = 0.1;
 const LUMA = [0.3, 0.59, 0.11];
@@ -87,20 +87,27 @@ export function frontView(views) {
   return ranks.indexOf(Math.min(...ranks));
 }
 
+// Some of the Gaussians that are solid: their places and indices.
+export function solidOf({ means, opacities, count }) {
+  const step = Math.ceil(count / SAMPLED) || 1;
+  const indices = [];
+  for (let i = 0; i < count; i += step) if (opacities[i] > OPAQUE) indices.push(i);
+  const points = indices.map((i) => means.slice(3 * i, 3 * i + 3));
+  return { indices, points: points.length ? points : [[0, 0, 0]] };
+}
+
+// The corners of the box that holds most of some points.
+export function bulkOf(points) {
+  const sorted = [0, 1, 2].map((k) => points.map((point) => point[k]).sort((x, y) => x - y));
+  return BULK.map((share) => sorted.map((line) => line[Math.floor(share * (line.length - 1))]));
+}
+
 // Of Gaussians that belong to no pixels, the side that shows most: a view of their bulk, in the file's world.
 export function sideOf({ means, opacities, sh, degree, origin, count }) {
-  const step = Math.ceil(count / SAMPLED) || 1;
   const stride = 3 * (degree + 1) ** 2;
-  const points = [];
-  const lumas = [];
-  for (let i = 0; i < count; i += step) {
-    if (!(opacities[i] > OPAQUE)) continue;
-    points.push([0, 1, 2].map((k) => means[3 * i + k]));
-    lumas.push(0.5 + SH_C0 * LUMA.reduce((sum, share, k) => sum + share * sh[stride * i + k], 0));
-  }
-  if (!points.length) points.push([0, 0, 0]);
-  const sorted = [0, 1, 2].map((k) => points.map((point) => point[k]).sort((x, y) => x - y));
-  const [low, high] = BULK.map((share) => sorted.map((line) => line[Math.floor(share * (line.length - 1))]));
+  const { points, indices } = solidOf({ means, opacities, count });
+  const lumas = indices.map((i) => 0.5 + SH_C0 * LUMA.reduce((sum, share, k) => sum + share * sh[stride * i + k], 0));
+  const [low, high] = bulkOf(points);
   const middle = scaled(add(low, high), 0.5);
   const radius = length(add(high, low, -1)) / 2 || 1;
   let best = -1;

@@ -22,9 +22,9 @@ export function shares(far) {
   return Float32Array.from(far, (distance) => ramp(distance, nearest, NEAR_REACH * second) ** 2);
 }
 
-// Indices of the Gaussians to draw, nearest first: `order(plane, nearPlane, front)` for means (3n) and parts of them,
-// { view, isFront, from, to }; view is -1 where there is none. First copies of the surfaces that have a share in front, with
-// COPY set, then all; equal depths in their order. Self-contained, as a worker runs its text.
+// Indices of the Gaussians to draw, nearest first: `order(plane, nearPlane, front)` for means (3n) and parts of them, {
+// view, isFront, from, to }; view is -1 where there is none. First copies of the surfaces that have a share in front,
+// with COPY set, then all; equal depths in their order. Self-contained, as a worker runs its text.
 export function sorting(means, parts) {
   const COPY = 0x80000000;
   const n = means.length / 3;

@@ -43,8 +43,8 @@ class Panel {
     this.#listen();
   }
 
-  // A scene, and what tsplat.js says of its file. isSame: of the same file, of which more is there.
-  show(scene, cloud, about, isSame) {
+  // A scene, and what tsplat.js says of its file.
+  show(scene, cloud, about) {
     const { views, hasCameras } = scene;
     const { attribution, licence } = about.notes;
     this.scene = scene;
@@ -57,7 +57,6 @@ class Panel {
     ]
       .filter(Boolean)
       .join("; ");
-    if (isSame) return this.shown();
     find("panel").hidden = false;
     find("way").hidden = !hasCameras || views.length < 2;
     find("linkRow").hidden = !/^(http|file)/.test(location.protocol);
@@ -106,7 +105,8 @@ class Panel {
     };
     const compare = (isAsked) => {
       this.compares = isAsked;
-      if (isAsked && this.scene && viewer.isSwinging) viewer.select(viewer.nearest()[0]); // what moves stops at a photo's place
+      // What moves stops at a photo's place.
+      if (isAsked && this.scene && viewer.isSwinging) viewer.select(viewer.nearest()[0]);
       this.shown();
     };
     const words = find("link").textContent;
@@ -298,11 +298,6 @@ class Page {
     }
   }
 
-  // Where a scene begins: where it was left, at what the address names, or where most of it shows.
-  #first(views) {
-    return views[this.first] ? this.first : frontView(views);
-  }
-
   #drawn() {
     if (!performance.getEntriesByName(FIRST).length) performance.mark(FIRST);
     find("cover").classList.add("done");
@@ -345,12 +340,12 @@ class Page {
     return this.opening.signal;
   }
 
-  // Shows a file of which there are chunks, better and better.
-  async open(name, chunks, whole) {
+  // Shows a file of which there are chunks, better and better. about: what tsplat.js says of it, where it has been
+  // asked.
+  async open(name, chunks, whole, about = undefined) {
     const signal = this.#begin(name);
     const parts = [];
     let frame = null;
-    let about = null;
     let received = 0;
     let isSame = this.isAgain;
     this.isAgain = false;
@@ -367,10 +362,10 @@ class Page {
       const scene = sceneOf(decoded, this.given.cameras, frame);
       const cloud = makeCloud(scene);
       const isFirst = !frame && !isSame;
-      this.viewer.show(scene, cloud, !isFirst, scene.hasCameras ? this.#first(scene.views) : 0);
+      this.viewer.show(scene, cloud, !isFirst, this.first in scene.views ? this.first : frontView(scene.views));
       frame = scene.frame;
       isSame = true;
-      this.panel.show(scene, cloud, about, false);
+      this.panel.show(scene, cloud, about);
       this.tools.unit = about.notes.unit;
       this.panel.tell(scene.hasCameras ? scene.views.length : 0, decoded.received ?? received, whole || about.bytes);
       if (isFirst) this.#begun();
@@ -387,7 +382,6 @@ class Page {
     };
     this.pictures = 0;
     try {
-      if (whole) about = this.given.file;
       for await (const decoded of this.decoder.decodeStream(kept(), options)) {
         about ??= this.decoder.inspect(await held());
         show(decoded);
@@ -415,13 +409,9 @@ class Page {
 
   async openOwn(bytes) {
     this.reopen = () => this.openOwn(bytes);
-    const about = (this.given.file = this.decoder.inspect(bytes));
-    const { steps } = about;
-    return this.open(
-      "",
-      () => paced(bytes, this.isBare || find("poster") ? [] : steps, () => this.#whenDrawn()),
-      bytes.length,
-    );
+    const about = this.decoder.inspect(bytes);
+    const steps = this.isBare || find("poster") ? [] : about.steps;
+    return this.open("", () => paced(bytes, steps, () => this.#whenDrawn()), bytes.length, about);
   }
 
   async openChosen(file) {
@@ -478,9 +468,11 @@ const tapped = () =>
     };
   });
 
-// decoder: tsplat.js; own: the file that the page carries, empty where it has none; story: story.js, where there is one.
+// decoder: tsplat.js; own: the file that the page carries, empty where it has none; story: story.js, where there is
+// one.
 export async function start(decoder, own, story) {
-  const source = story && own.length ? `<!DOCTYPE html>\n${document.documentElement.outerHTML}` : ""; // before anything changes
+  // The text as it came, before anything changes.
+  const source = story && own.length ? `<!DOCTYPE html>\n${document.documentElement.outerHTML}` : "";
   find("blocked")?.remove();
   const given = JSON.parse(find("scene").textContent);
   const options = optionsOf(location);

@@ -40,7 +40,8 @@ function partsOf(layers) {
 export function sceneOf(decoded, cameras = [], frame = null) {
   const given = decoded.cameras.length ? decoded.cameras : cameras;
   const taken = given.length ? given : (decoded.viewpoints ?? []);
-  const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)]; // of a list, where its photos were taken, or the side that shows most
+  // Of a list, where its photos were taken, or the side that shows most.
+  const world = taken.length ? taken.map(viewOf) : [sideOf(decoded)];
   const { scale, centre } = frame ?? frameOf(decoded, world, world[0]);
   const views = world.map((view) => ({ ...view, position: scaled(add(view.position, centre, -1), scale) }));
   return {
@@ -54,7 +55,8 @@ export function sceneOf(decoded, cameras = [], frame = null) {
   };
 }
 
-// Up of a scene: −y where all cameras are held level in a world that stands upright, else where they have it on the whole.
+// Up of a scene: −y where all cameras are held level in a world that stands upright, else where they have it on the
+// whole.
 function upOf(views) {
   const down = views.reduce((sum, { rotation }) => add(sum, rotation[1], 1 / views.length), [0, 0, 0]);
   const roll = views.reduce((sum, { rotation }) => sum + rotation[0][1] ** 2 / views.length, 0);

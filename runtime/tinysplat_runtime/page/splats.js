@@ -1,8 +1,9 @@
-// Draws Gaussians as tinysplat_runtime/render does (docs/CONVENTIONS.md, "Drawing"): exact EWA, dilation by the screen's
-// pixel or the Gaussian's own, alpha from 1/255 on and up to 0.99, order by depth z, near views first. A frame is two passes: each Gaussian is projected once, in sorted order, into a texture of
-// records, and the records are drawn as triangles, front to back, into half floats whose alpha is what still shines through.
-// Now and then pixels that nothing shines through any more are closed by depth, so that what lies behind costs nothing.
-// Nothing is instanced: hardware and software alike take far longer over many instances of a few vertices.
+// Draws Gaussians as tinysplat_runtime/render does (docs/CONVENTIONS.md, "Drawing"): exact EWA, dilation by the
+// screen's pixel or the Gaussian's own, alpha from 1/255 on and up to 0.99, order by depth z, near views first. A frame
+// is two passes: each Gaussian is projected once, in sorted order, into a texture of records, and the records are drawn
+// as triangles, front to back, into half floats whose alpha is what still shines through. Now and then pixels that
+// nothing shines through any more are closed by depth, so that what lies behind costs nothing. Nothing is instanced:
+// hardware and software alike take far longer over many instances of a few vertices.
 import { ARITHMETIC } from "./arithmetic.js";
 import { sorting } from "./near.js";
 
@@ -390,7 +391,8 @@ export class Splats {
     return this.sortedCount >= 0 && this.answered >= this.oldest;
   }
 
-  // Asks for the order seen from a camera (see camera.js), by views' shares (near.js). isElsewhere: no order from before will do.
+  // Asks for the order seen from a camera (see camera.js), by views' shares (near.js). isElsewhere: no order from
+  // before will do.
   sort(camera, nearPlane, shares, isElsewhere) {
     if (isElsewhere) this.oldest = this.asked + 1;
     const [x, y, z] = camera.rotation[2];

@@ -1,6 +1,6 @@
-// A story: named views in order and notes on points (story.py has the file), shown, played, made and saved. Carried by pages
-// that have one. What strangers wrote is text, and never markup.
-import { add, dot, scaled } from "./vectors.js";
+// A story: named views in order and notes on points (story.py has the file), shown, played, made and saved. Carried by
+// pages that have one. What strangers wrote is text, and never markup.
+import { add, scaled } from "./vectors.js";
 import { viewFrom, viewText } from "./view.js";
 
 const CELL_PX = 16; // of the picture, that hides what lies behind its nearest surface
@@ -120,14 +120,11 @@ export class Story {
     const { camera, canvas, scene } = this.page.viewer;
     if (!scene || !this.story.notes.length) return;
     const { clientWidth: width, clientHeight: height } = canvas;
-    const { projection: P, principal } = camera.fitted(width, height);
+    const show = camera.shown(width, height);
     const { scale, centre } = scene.frame;
     this.spots = this.story.notes.map(({ at }, i) => {
-      const ray = add(scaled(add(at, centre, -1), scale), camera.position, -1);
-      const z = dot(P.slice(6), ray);
+      const [x, y, z] = show(scaled(add(at, centre, -1), scale));
       const element = this.notes.children[i];
-      const x = dot(P.slice(0, 3), ray) / z + principal[0];
-      const y = dot(P.slice(3, 6), ray) / z + principal[1];
       const isInside = z > scene.nearPlane && x > 0 && y > 0 && x < width && y < height;
       element.hidden = !isInside;
       if (isInside) [element.style.left, element.style.top] = [`${x}px`, `${y}px`];
@@ -142,24 +139,22 @@ export class Story {
     const { viewer } = this.page;
     const { camera, canvas, cloud, scene } = viewer;
     const { clientWidth: width, clientHeight: height } = canvas;
-    const { projection: P, principal } = camera.fitted(width, height);
+    const show = camera.shown(width, height);
     const columns = Math.ceil(width / CELL_PX) + 2;
     const nearest = new Float32Array(columns * (Math.ceil(height / CELL_PX) + 2)).fill(Infinity);
-    const cellOf = (x, y) => (Math.floor(y / CELL_PX) + 1) * columns + Math.floor(x / CELL_PX) + 1; // with a margin of one
+    // With a margin of one.
+    const cellOf = (x, y) => (Math.floor(y / CELL_PX) + 1) * columns + Math.floor(x / CELL_PX) + 1;
     for (let i = 0; i < cloud.opacities.length; i++) {
       if (cloud.opacities[i] < SOLID_NOTE) continue;
-      const ray = add(cloud.means.subarray(3 * i, 3 * i + 3), camera.position, -1);
-      const z = P[6] * ray[0] + P[7] * ray[1] + P[8] * ray[2];
-      if (z <= scene.nearPlane) continue;
-      const x = (P[0] * ray[0] + P[1] * ray[1] + P[2] * ray[2]) / z + principal[0];
-      const y = (P[3] * ray[0] + P[4] * ray[1] + P[5] * ray[2]) / z + principal[1];
-      if (!(x >= 0 && y >= 0 && x < width && y < height)) continue;
+      const [x, y, z] = show(cloud.means.subarray(3 * i, 3 * i + 3));
+      if (!(z > scene.nearPlane && x >= 0 && y >= 0 && x < width && y < height)) continue;
       const cell = cellOf(x, y);
-      if (z < nearest[cell]) nearest[cell] = z;
+      nearest[cell] = Math.min(nearest[cell], z);
     }
     this.spots.forEach(({ x, y, z, isInside }, i) => {
       const cell = isInside ? cellOf(x, y) : 0;
-      const about = [-columns, 0, columns].flatMap((row) => [-1, 0, 1].map((by) => nearest[cell + row + by])); // as surfaces have gaps
+      // As surfaces have gaps.
+      const about = [-columns, 0, columns].flatMap((row) => [-1, 0, 1].map((by) => nearest[cell + row + by]));
       this.notes.children[i]?.classList.toggle("behind", isInside && Math.min(...about) < BEHIND * z);
     });
   }
@@ -280,7 +275,7 @@ export class Story {
 
   // The page with the story as it is now.
   pageText() {
-    const given = JSON.stringify({ ...this.page.given, file: undefined, story: this.story }).replaceAll("<", "\\u003c");
+    const given = JSON.stringify({ ...this.page.given, story: this.story }).replaceAll("<", "\\u003c");
     return this.source.replace(/(<script type="application\/json" id="scene">)[^<]*/, (_, start) => start + given);
   }
 }

@@ -1,11 +1,11 @@
 // What one measures and crops with, over the picture: two points and the length between them, and a box whose sides one
 // drags. Both say the option of `tinysplat convert` that does it, in the file's world.
-import { add, clamp, dot, length, mix, scaled } from "./vectors.js";
+import { bulkOf, solidOf } from "./front.js";
+import { add, clamp, length, mix, scaled } from "./vectors.js";
 
 const OVERLAY = "http://www.w3.org/2000/svg";
 const CLICK_PX = 4; // that a click may move
 const BESIDE_PX = 2; // of an end, about which a length's uncertainty is measured
-const INSIDE = [0.05, 0.95]; // shares of the means that the first box lies between
 const MARGIN = 16; // of the window, that a handle stays within
 const KEY_STEP = 0.02; // of the box, that a key moves a side
 const EDGES = [0, 1, 2].flatMap((k) =>
@@ -63,20 +63,10 @@ export class Tools {
     this.kind = kind;
     this.points = [];
     for (const [name, button] of Object.entries(this.buttons)) button.setAttribute("aria-pressed", name === kind);
-    if (kind === "crop") this.box ??= this.#bulk();
+    if (kind === "crop") this.box ??= bulkOf(solidOf(this.viewer.cloud).points);
     this.overlay.replaceChildren();
     this.#say();
     this.draw();
-  }
-
-  #bulk() {
-    const { means, opacities, count } = this.viewer.cloud;
-    const step = Math.ceil(count / 20000);
-    const some = [[], [], []];
-    for (let i = 0; i < count; i += step)
-      if (opacities[i] > 0.1) some.forEach((line, k) => line.push(means[3 * i + k]));
-    const sorted = some.map((line) => line.sort((a, b) => a - b));
-    return INSIDE.map((share) => sorted.map((line) => line[Math.floor(share * (line.length - 1))]));
   }
 
   // For another scene.
@@ -130,17 +120,12 @@ export class Tools {
   // Where points of the page show, [x, y], of a segment as much as lies in front of the camera; null where none does.
   #segment(a, b) {
     const { camera, canvas, scene } = this.viewer;
-    const { projection: P, principal } = camera.fitted(canvas.clientWidth, canvas.clientHeight);
-    const depth = (point) => dot(camera.rotation[2], add(point, camera.position, -1));
+    const show = camera.shown(canvas.clientWidth, canvas.clientHeight);
     const least = 10 * scene.nearPlane;
-    const [za, zb] = [depth(a), depth(b)];
+    const [za, zb] = [show(a)[2], show(b)[2]];
     if (za < least && zb < least) return null;
     const cut = (point, other, z, w) => (z < least ? mix(point, other, (least - z) / (w - z)) : point);
-    return [cut(a, b, za, zb), cut(b, a, zb, za)].map((point) => {
-      const ray = add(point, camera.position, -1);
-      const z = dot(P.slice(6), ray);
-      return [dot(P.slice(0, 3), ray) / z + principal[0], dot(P.slice(3, 6), ray) / z + principal[1]];
-    });
+    return [cut(a, b, za, zb), cut(b, a, zb, za)].map(show);
   }
 
   #line(a, b) {

@@ -1,6 +1,6 @@
-// A view as an address has it, `#view=x,y,z,right,up,roll,zoom`: where the camera is in the file's world, how many degrees it
-// is turned to the right and upwards from looking along z with y down, and about its own axis; the last two may be left out.
-// Every page of the same scene reads it, whatever else it shows.
+// A view as an address has it, `#view=x,y,z,right,up,roll,zoom`: where the camera is in the file's world, how many
+// degrees it is turned to the right and upwards from looking along z with y down, and about its own axis; the last two
+// may be left out. Every page of the same scene reads it, whatever else it shows.
 import { add, clamp, cross, dot, scaled } from "./vectors.js";
 
 const DIGITS = 4; // of a place, beside how far away what it shows is

@@ -31,9 +31,10 @@ export class Viewer {
   scene;
   cloud;
   splats;
-  // canvas; told: { drawn, moved, touched, rested }, called after a frame, after movements, before the first of them, and
-  // when all has come to rest.
-  // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is told.
+  // canvas; told: { drawn, moved, touched, rested }, called after a frame, after movements, before the first of them,
+  // and when all has come to rest.
+  // isBare: pictures as the rasteriser's, and nothing moves by itself. background: colour where nothing is, if it is
+  // told.
   constructor(canvas, told, { isBare, isEmbedded, isStill, background }) {
     Object.assign(this, {
       canvas,
@@ -78,7 +79,7 @@ export class Viewer {
     Object.assign(this, { scene, cloud });
     this.isNew ||= !this.hasMoved; // margins follow a picture that gets better where it began
     this.#survey();
-    if (!isSame || (first !== this.start && !this.touched)) this.#stand(first);
+    if (!isSame) this.#stand(first);
     this.move();
   }
 
@@ -97,7 +98,7 @@ export class Viewer {
     this.hasMoved = this.isOld = false;
   }
 
-  // Ways between the views that there are by now.
+  // Ways between the views.
   #survey() {
     const { views, hasCameras } = this.scene;
     this.bound = hasCameras ? new Bound(views, this.cloud.depth, this.cloud.spread) : null;
@@ -265,16 +266,12 @@ export class Viewer {
     const { means, opacities, depth } = this.cloud;
     const { clientWidth, clientHeight } = this.canvas;
     const { camera } = this;
-    const { projection: P, principal } = camera.fitted(clientWidth, clientHeight);
+    const show = camera.shown(clientWidth, clientHeight);
     const depths = [];
     for (let i = 0; i < opacities.length; i++) {
       if (opacities[i] < 0.25) continue;
-      const ray = add(means.subarray(3 * i, 3 * i + 3), camera.position, -1);
-      const z = dot(P.slice(6), ray);
-      if (z <= this.scene.nearPlane) continue;
-      const dx = dot(P.slice(0, 3), ray) / z + principal[0] - x;
-      const dy = dot(P.slice(3, 6), ray) / z + principal[1] - y;
-      if (dx * dx + dy * dy < PICK_PX * PICK_PX) depths.push(z);
+      const [u, v, z] = show(means.subarray(3 * i, 3 * i + 3));
+      if (z > this.scene.nearPlane && (u - x) ** 2 + (v - y) ** 2 < PICK_PX ** 2) depths.push(z);
     }
     const found = depths.length ? depths.sort((a, b) => a - b)[depths.length >> 2] : depth;
     return add(camera.position, camera.ray(x, y, clientWidth, clientHeight), found);

@@ -64,7 +64,7 @@ function decoderOf({ sets, codedWidth, codedHeight, chroma, bits }) {
  * @param {Job} job
  * @returns {Uint16Array[]}
  */
-export function decodePicture(job) {
+function decodePicture(job) {
   const { width, height, chroma } = job;
   try {
     const decoder = decoderOf(job);

@@ -46,7 +46,7 @@ async function inflated(bytes, length, where) {
  * @param {number} width
  * @param {string} where
  */
-export async function unpackPlane(bytes, height, width, where) {
+async function unpackPlane(bytes, height, width, where) {
   const count = height * width;
   const raw = await inflated(bytes, 2 * count, where);
   const samples = new Uint16Array(count);

@@ -18,7 +18,7 @@ export const PHOTO = 8;
 export const CLASS_NAMES = ["depth", "color", "opacity", "scale", "rotation", "offset", "position", "exact", "photo"];
 
 export const MAX_VIEWS = 4096;
-export const MAX_QP = 51;
+const MAX_QP = 51;
 const CONSTANT = 255;
 const STREAM_BYTES = 8;
 
