@@ -86,7 +86,7 @@ def test_the_mean_of_the_last_steps_shows_photos_better_than_the_last_step(torn)
         replace(one, photo=one.photo + noise.normal(0, 0.1, one.photo.shape).astype(np.float32)) for one in targets
     ]
     mean, last = (
-        trained(capture, noisy, Budget(AT_MOST, 210), threads=2, settings=Settings(pace=replace(PACE, averaged=share)))
+        trained(capture, noisy, Budget(AT_MOST, 420), threads=2, settings=Settings(pace=replace(PACE, averaged=share)))
         for share in (PACE.averaged, 0.0)
     )
     assert mean_psnr(mean, targets) > mean_psnr(last, targets) + 0.03

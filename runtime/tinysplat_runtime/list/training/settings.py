@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...errors import InputError
+from . import FEW_PHOTOS
 from .descent import Pace
 
 PACE = Pace(log_scale=0.03, turn=0.01, sh=0.015, sh_rest=0.002, last=0.4, averaged=0.1)
@@ -41,6 +42,7 @@ class Settings:
         faded: Gaussians of less opacity go.
         worth: squared error that a Gaussian has to save the photos, over the mean that is left of it by Gaussian; once
             none are added any more, those that save less go at every look.
+        worth_of_few: the same of few photos, which lose more by it.
         spared: share of the Gaussians that goes at a look, at most, so that the others can make up for it.
     """
 
@@ -67,14 +69,16 @@ class Settings:
     added_opacity: float = 0.5
     fade: float = 0.05
     faded: float = 0.02
-    worth: float = 0.03
+    worth: float = 0.15
+    worth_of_few: float = 0.03
     spared: float = 0.25
 
-    def suited(self, crowded: float) -> Settings:
-        """These for photos whose detail asks for so many times as many Gaussians as their pixels can tell: of many
-        times, with colours of degree 2, as each has to look different from every side, and faster fading.
+    def suited(self, photos: int, crowded: float) -> Settings:
+        """These for so many photos, whose detail asks for so many times as many Gaussians as their pixels can tell: of
+        many times, with colours of degree 2, as each has to look different from every side, and faster fading.
         """
-        return replace(self, functions=9, fade=1.4 * self.fade) if crowded > self.crowded else self
+        settings = replace(self, worth=self.worth_of_few) if photos <= FEW_PHOTOS else self
+        return replace(settings, functions=9, fade=1.4 * self.fade) if crowded > self.crowded else settings
 
     def smaller(self, way: float) -> int:
         """How many times smaller photos are at a share of the way."""

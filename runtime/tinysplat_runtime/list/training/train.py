@@ -170,7 +170,7 @@ class _Training:
         self._count = stats.asked = min(surface.needed, budget.gaussians or surface.needed, fitting)
         self.usual_steps = usual_steps(len(targets), surface.texture)
         self._absent = float(np.clip(surface.alone - settings.alone, 0, settings.most_absent))
-        self._settings = settings = settings.suited(surface.crowded)
+        self._settings = settings = settings.suited(len(targets), surface.crowded)
         begun = surface.first(max(1, round(settings.start * self._count)), settings)
         pace = replace(settings.pace, fade=settings.fade / math.sqrt(len(targets)))
         self._descent = Descent(self._field(begun), pace, self._run)
