@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tinysplat_runtime.network import kernels_joint as k
 from tinysplat_runtime.network.joint import Photos, joint_depth
+from tinysplat_runtime.network.kernels_joint import SEARCH
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.system.threads import Crew
 
@@ -63,13 +64,13 @@ def test_a_photo_of_elsewhere_stays_and_tells_others_nothing(scene: TracedScene)
 
 def reference_cost(grey, colours, inverse, A, b, plane, x, y, first) -> float:
     """What a plane costs, by its definition and pixel by pixel, float64; no smoothness (the caller has one plane)."""
-    taps = [t for t in itertools.product(range(-k.RADIUS, k.RADIUS + 1), repeat=2) if sum(t) % 2 == 0]
+    taps = [t for t in itertools.product(range(-SEARCH.radius, SEARCH.radius + 1), repeat=2) if sum(t) % 2 == 0]
     near = [(min(max(x + dx, 0), W - 1), min(max(y + dy, 0), H - 1)) for dx, dy in taps]
     weights = np.array(
         [
             math.exp(
-                -np.abs(colours[0][j, i] - colours[0][y, x]).sum() / 3 / k.REACH_COLOUR
-                - math.hypot(dx, dy) / k.REACH_PLACE
+                -np.abs(colours[0][j, i] - colours[0][y, x]).sum() / 3 / SEARCH.reach_colour
+                - math.hypot(dx, dy) / SEARCH.reach_place
             )
             for (dx, dy), (i, j) in zip(taps, near, strict=True)
         ]
@@ -107,17 +108,23 @@ def reference_cost(grey, colours, inverse, A, b, plane, x, y, first) -> float:
         values = np.array([bilinear(grey[s + 1], *(np.array([u, v]) + dx * by_x + dy * by_y)) for dx, dy in taps])
         its = weights @ values
         spread = weights @ values**2 - its**2
-        likeness = (weights @ (own * values) - mean * its) / math.sqrt((variance + k.NOISE) * (spread + k.NOISE))
+        likeness = (weights @ (own * values) - mean * its) / math.sqrt(
+            (variance + SEARCH.noise) * (spread + SEARCH.noise)
+        )
         apart = np.abs(bilinear(colours[s + 1], u, v) - colours[0][y, x]).mean()
         cost = min(1 - likeness, 1)
-        cost += k.COLOUR * (min(apart, k.COLOUR_MOST) + min(abs(mean - its), k.COLOUR_MOST)) / (2 * k.COLOUR_MOST)
+        cost += (
+            SEARCH.colour
+            * (min(apart, SEARCH.colour_most) + min(abs(mean - its), SEARCH.colour_most))
+            / (2 * SEARCH.colour_most)
+        )
         gap = abs(inverse[s + 1][min(int(v), H - 1), min(int(u), W - 1)] - plane[0] / place[2])
-        costs.append(cost + k.AGREE * min(gap * move, k.AGREE_PX) / k.AGREE_PX)
+        costs.append(cost + SEARCH.agree * min(gap * move, SEARCH.agree_px) / SEARCH.agree_px)
     costs.sort()
-    counted = max(1, math.ceil(k.SHARE * len(costs)))
-    seen = np.mean(costs[:counted]) if costs else k.UNSEEN
-    pull = k.PULL * (k.LEAST_PULL + k.NOISE / (variance + k.NOISE))
-    return seen + pull * min(abs(plane[0] - first) * np.mean(shifts), k.PULL_PX) / k.PULL_PX
+    counted = max(1, math.ceil(SEARCH.share * len(costs)))
+    seen = np.mean(costs[:counted]) if costs else SEARCH.unseen
+    pull = SEARCH.pull * (SEARCH.least_pull + SEARCH.noise / (variance + SEARCH.noise))
+    return seen + pull * min(abs(plane[0] - first) * np.mean(shifts), SEARCH.pull_px) / SEARCH.pull_px
 
 
 def test_a_plane_costs_what_its_definition_says(scene: TracedScene) -> None:

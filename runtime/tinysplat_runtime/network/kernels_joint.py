@@ -15,53 +15,65 @@ from numpy.typing import NDArray
 
 from ..system.kernels_compile import Number, compiled
 
-RADIUS = 2
-"""Radius in pixels of the compared window, of which every other pixel counts."""
 
-SAME_PX = 0.15
-"""Planes that differ from the best so far by less than this many pixels of parallax are not tried."""
+class Search(NamedTuple):
+    """How planes are tried, and what their cost is made of; pixels are those of the searched maps.
 
-REACH_COLOUR, REACH_PLACE = 0.12, 4.0
-"""Difference of colour, and pixels, at which a pixel of the window weighs 1/e (adaptive support, Yoon & Kweon 2006)."""
+    Attributes:
+        radius: of the compared window, of which every other pixel counts.
+        reach_colour, reach_place: difference of colour, and pixels, at which a pixel of the window weighs 1/e (adaptive
+            support, Yoon & Kweon 2006).
+        noise: variance of grey in [0, 1] below which there is no texture.
+        share: of the sources that count, the best ones; others may be occluded (COLMAP, ACMH).
+        colour, colour_most: weight of the difference of colours, and the difference from which it grows no more.
+        agree, agree_px: weight of the pixels between a plane's depth and that of a source's map, and how many are as
+            bad as any.
+        pull, pull_px, least_pull: weight of leaving the network's depth where there is no texture, pixels that are as
+            bad as any, and its share elsewhere.
+        smooth, smooth_px, smooth_colour: weight of jumps to neighbours, jumps that are as bad as any, and difference of
+            colour at which they are free.
+        unseen: cost of a plane that no source sees.
+        steps: a pixel's own plane is tried so many times, one and two pixels of parallax nearer and farther.
+        same_px: planes that differ from the best so far by less parallax are not tried.
+    """
 
-NOISE = 5e-5
-"""Variance of grey in [0, 1] below which there is no texture."""
+    radius: int = 2
+    reach_colour: float = 0.12
+    reach_place: float = 4.0
+    noise: float = 5e-5
+    share: float = 0.5
+    colour: float = 0.5
+    colour_most: float = 0.1
+    agree: float = 0.3
+    agree_px: float = 3.0
+    pull: float = 0.1
+    pull_px: float = 4.0
+    least_pull: float = 0.15
+    smooth: float = 0.05
+    smooth_px: float = 2.0
+    smooth_colour: float = 0.04
+    unseen: float = 0.6
+    steps: int = 4
+    same_px: float = 0.15
 
-SHARE = 0.5
-"""Share of the sources that count, the best ones; others may be occluded (COLMAP, ACMH)."""
 
-COLOUR, COLOUR_MOST = 0.5, 0.1
-"""Weight of the difference of colours, and the difference from which it grows no more."""
-
-AGREE, AGREE_PX = 0.3, 3.0
-"""Weight of the pixels between a plane's depth and that of a source's map, and how many are as bad as any."""
-
-PULL, PULL_PX, LEAST_PULL = 0.1, 4.0, 0.15
-"""Weight of leaving the network's depth where there is no texture, its share elsewhere, and pixels that are as bad as
-any."""
-
-SMOOTH, SMOOTH_PX, SMOOTH_COLOUR = 0.05, 2.0, 0.04
-"""Weight of jumps to neighbours, jumps that are as bad as any, and difference of colour at which they are free."""
-
-UNSEEN = 0.6
-"""Cost of a plane that no source sees."""
-
-STEPS = 4
-"""A pixel's own plane is tried one and two pixels of parallax nearer and farther."""
+SEARCH = Search()
 
 _F, _I = np.float32, np.int64
+_SPAN = range(-SEARCH.radius, SEARCH.radius + 1)
 _ZERO, _HALF, _ONE, _FAR = _F(0), _F(0.5), _F(1), _F(1e9)
-_ACROSS = np.array([x for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if not (x + y) % 2], _F)
-_DOWN = np.array([y for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if not (x + y) % 2], _F)
+_ACROSS = np.array([x for y in _SPAN for x in _SPAN if not (x + y) % 2], _F)
+_DOWN = np.array([y for y in _SPAN for x in _SPAN if not (x + y) % 2], _F)
 _TAPS = len(_ACROSS)
 _NEAR_X, _NEAR_Y = np.array([1, -1, 0, 0]), np.array([0, 0, 1, -1])
-_LOG_PLACE = np.hypot(_ACROSS, _DOWN) / _F(REACH_PLACE)
-_SHARE, _NOISE, _SAME, _UNSEEN = _F(SHARE), _F(NOISE), _F(SAME_PX), _F(UNSEEN)
-_REACH = _F(1 / (3 * REACH_COLOUR))
-_COLOUR, _COLOUR_MOST = _F(COLOUR / COLOUR_MOST / 2), _F(COLOUR_MOST)
-_AGREE, _AGREE_PX = _F(AGREE / AGREE_PX), _F(AGREE_PX)
-_PULL, _PULL_PX, _LEAST_PULL = _F(PULL / PULL_PX), _F(PULL_PX), _F(LEAST_PULL)
-_SMOOTH, _SMOOTH_PX, _SMOOTH_COLOUR = _F(SMOOTH / 4 / SMOOTH_PX), _F(SMOOTH_PX), _F(1 / (3 * SMOOTH_COLOUR))
+_LOG_PLACE = np.hypot(_ACROSS, _DOWN) / _F(SEARCH.reach_place)
+_SHARE, _NOISE, _SAME, _UNSEEN = _F(SEARCH.share), _F(SEARCH.noise), _F(SEARCH.same_px), _F(SEARCH.unseen)
+_REACH, _STEPS = _F(1 / (3 * SEARCH.reach_colour)), SEARCH.steps
+_COLOUR, _COLOUR_MOST = _F(SEARCH.colour / SEARCH.colour_most / 2), _F(SEARCH.colour_most)
+_AGREE, _AGREE_PX = _F(SEARCH.agree / SEARCH.agree_px), _F(SEARCH.agree_px)
+_PULL, _PULL_PX, _LEAST_PULL = _F(SEARCH.pull / SEARCH.pull_px), _F(SEARCH.pull_px), _F(SEARCH.least_pull)
+_SMOOTH, _SMOOTH_PX = _F(SEARCH.smooth / 4 / SEARCH.smooth_px), _F(SEARCH.smooth_px)
+_SMOOTH_COLOUR = _F(1 / (3 * SEARCH.smooth_colour))
 _LEAST_SCALE, _LEAST_PARALLAX = _F(1e-3), _F(1e-6)
 
 
@@ -301,7 +313,7 @@ def search(
     _, height, width = planes.shape
     grey, colours = photos.grey[0], photos.colours[0]
     sources = len(photos.A)
-    tries = 1 + 4 + len(candidates) + STEPS if len(candidates) else 1
+    tries = 1 + 4 + len(candidates) + _STEPS if len(candidates) else 1
     window, costs = np.empty((2, _TAPS), _F), np.empty(max(sources, 1), _F)
     for red in range(2):
         for y in range(height):

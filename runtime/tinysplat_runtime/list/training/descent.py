@@ -98,8 +98,6 @@ class Descent:
         count: steps taken.
     """
 
-    _mean: RunningMean
-
     def __init__(
         self, field: FreeGaussians, pace: Pace, run_jobs: Callable, limits: Sequence[tuple[float, float]] = LIMITS
     ) -> None:
@@ -107,7 +105,7 @@ class Descent:
         on any threads.
         """
         self.count, self._pace, self._run, self._limits = 0, pace, run_jobs, limits
-        self._begin(field)
+        self.field, self.means, self.gradient, self._mean = _begun(field)
 
     def step(
         self, target: Target, way: float, *, weight: float = 1.0, structure: float = 0.0, absent: NDArray | None = None
@@ -148,7 +146,7 @@ class Descent:
     def keep(self, keep: NDArray) -> None:
         """Go on with those of a mask (N,) bool."""
         means, mean = self.means, self._mean
-        self._begin(self.field.kept(keep))
+        self.field, self.means, self.gradient, self._mean = _begun(self.field.kept(keep))
         self.means[..., : self.field.count] = means[..., : keep.size][..., keep]
         if mean.value is not None:
             self._mean = RunningMean(mean.value[:, keep], mean.count)
@@ -156,14 +154,13 @@ class Descent:
     def add(self, field: FreeGaussians) -> None:
         """Go on with a field whose first Gaussians are these."""
         means, count = self.means, self.field.count
-        self._begin(field)
+        self.field, self.means, self.gradient, self._mean = _begun(field)
         self.means[..., :count] = means[..., :count]
 
-    def _begin(self, field: FreeGaussians) -> None:
-        self.field = field
-        self.means = np.zeros((2, *field.values.shape), np.float32)
-        self.gradient = np.zeros_like(field.values)
-        self._mean = RunningMean()
+
+def _begun(field: FreeGaussians) -> tuple[FreeGaussians, NDArray, NDArray, RunningMean]:
+    """Before the first step: the field, running means, a gradient, and the mean of values."""
+    return field, np.zeros((2, *field.values.shape), np.float32), np.zeros_like(field.values), RunningMean()
 
 
 def _without(logits: NDArray, absent: NDArray) -> NDArray:
