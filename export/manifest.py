@@ -53,14 +53,14 @@ def _drop_from_graph(graph: onnx.GraphProto) -> None:
                     _drop_from_graph(inner)
 
 
-def _clear_notes(holders: Sequence[Any]) -> None:
+def _clear_notes(holders: Sequence[object]) -> None:
     for holder in holders:
         if hasattr(holder, "metadata_props"):
             del holder.metadata_props[:]
         holder.doc_string = ""
 
 
-def register(name: str, path: Path, role: str, parity: dict[str, float], **facts: Any) -> None:
+def register(name: str, path: Path, role: str, parity: dict[str, float], **facts: object) -> None:
     """Write the manifest entry of an artifact.
 
     Args:

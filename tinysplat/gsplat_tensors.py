@@ -46,7 +46,7 @@ def to_gsplat(
         w2c[:3, 3] = -camera.rotation @ (camera.centre - gaussians.origin)
         viewmats.append(w2c)
 
-    def tensor(array: Any) -> torch.Tensor:
+    def tensor(array: object) -> torch.Tensor:
         return torch.from_numpy(np.array(array, np.float32)).to(device)
 
     width, height = sizes.pop()

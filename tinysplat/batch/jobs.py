@@ -185,7 +185,7 @@ def read_manifest(
 
 
 def _job(line: str, folder: str, defaults: JsonObject, base: str, allowed: Collection[str]) -> BatchJob:
-    entry: Any = {"scene": line}
+    entry: object = {"scene": line}
     if line.startswith("{"):
         try:
             entry = json.loads(line)

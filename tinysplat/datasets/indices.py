@@ -52,7 +52,7 @@ def read_object(path: StrPath, max_bytes: int, what: str) -> JsonObject:
     return document
 
 
-def _window(entry: Any, dataset: str, where: str) -> Window:
+def _window(entry: object, dataset: str, where: str) -> Window:
     if not isinstance(entry, dict):
         raise InputError("expected an object with context and target, or null", where=where)
     return Window(dataset, frame_indices(entry, "context", where), frame_indices(entry, "target", where))

@@ -36,7 +36,7 @@ class _Builder:
     focal: float
     primitives: list[Primitive] = field(default_factory=list)
 
-    def add(self, kind: int, centre: NDArray, rotation: NDArray, extent: NDArray, **looks: Any) -> None:
+    def add(self, kind: int, centre: NDArray, rotation: NDArray, extent: NDArray, **looks: object) -> None:
         """One primitive; `looks` replaces what would be drawn at random for texture, gain or bias."""
         rng = self.rng
         contrast = rng.uniform(0.05, 0.4) if rng.random() < 0.25 else rng.uniform(0.6, 1.1)

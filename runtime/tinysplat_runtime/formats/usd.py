@@ -145,5 +145,5 @@ def _stage(path: Path, gaussians: Gaussians) -> None:
 
 
 def _losses(gaussians: Gaussians) -> list[str]:
-    unit: Any = gaussians.notes.unit
+    unit: object = gaussians.notes.unit
     return [] if unit in ("", "metre", "meter", "m") else [f"lengths are in {unit}, written as if they were metres"]

@@ -97,6 +97,6 @@ NO_NOTES = Notes()
 NAMES = tuple(field.name for field in fields(Notes))
 
 
-def known_notes(document: Mapping[str, Any]) -> dict[str, Any]:
+def known_notes(document: Mapping[str, object]) -> dict[str, Any]:
     """What a document says under names of notes."""
     return {name: document[name] for name in NAMES if name in document}

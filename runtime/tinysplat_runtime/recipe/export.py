@@ -125,7 +125,7 @@ def write_list(path: StrPath, gaussians: Gaussians, request: ExportRequest) -> l
     return losses
 
 
-def save(path: StrPath, gaussians: Gaussians, options: Mapping[str, Any], tools: Tools) -> list[str]:
+def save(path: StrPath, gaussians: Gaussians, options: Mapping[str, object], tools: Tools) -> list[str]:
     """Write Gaussians as `write` has it, or for a `.tsplat` file by options of `compress` too.
 
     Returns:

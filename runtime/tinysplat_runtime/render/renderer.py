@@ -308,7 +308,7 @@ def _checked_outputs(outputs: object) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _checked_background(background: Any) -> NDArray:
+def _checked_background(background: object) -> NDArray:
     try:
         with np.errstate(over="ignore"):
             colour = np.asarray(background, np.float32)

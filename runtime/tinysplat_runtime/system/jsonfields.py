@@ -17,7 +17,7 @@ def parse_object(data: bytes) -> JsonObject:
     return as_object(parse_json(data))
 
 
-def as_object(document: Any) -> JsonObject:
+def as_object(document: object) -> JsonObject:
     """The document, which must be a JSON object."""
     if not isinstance(document, dict):
         raise InputError(f"a JSON {kind_of(document)}, expected an object")

@@ -213,7 +213,7 @@ def stated_depth(index: JsonObject, name: str, path: Path) -> float | None:
     return value
 
 
-def parse_window(entry: Any, frames: int, where: str) -> Window:
+def parse_window(entry: object, frames: int, where: str) -> Window:
     """A window out of an entry of `windows`; InputError names the field, whose frames must be below `frames`."""
     if not isinstance(entry, dict):
         raise InputError("expected an object with context and target", where=where)

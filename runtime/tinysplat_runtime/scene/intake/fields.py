@@ -31,7 +31,7 @@ class Fields:
         where: the object's own place in its document, for messages.
     """
 
-    def __init__(self, values: Any, where: str = "") -> None:
+    def __init__(self, values: object, where: str = "") -> None:
         """InputError where `values` are no object."""
         if not isinstance(values, dict):
             raise InputError(f"a JSON {kind_of(values)}, expected an object", where=where or None)
@@ -42,7 +42,7 @@ class Fields:
         """Of a field."""
         return f"{self.where}.{name}" if self.where else name
 
-    def value(self, name: str, default: Any = None) -> Any:
+    def value(self, name: str, default: object = None) -> Any:
         """Any value; InputError where there is neither it nor a default."""
         value = self.values.get(name, default)
         if value is None and name not in self.values:

@@ -19,7 +19,7 @@ from .fields import Fields
 from .photos import find_photo, frames_there, is_there
 
 
-def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
+def inria_frames(folder: Path, entries: list[object]) -> list[Frame]:
     """The frames of such a list, of a file in `folder`.
 
     Raises:
@@ -32,7 +32,7 @@ def inria_frames(folder: Path, entries: list[Any]) -> list[Frame]:
     return frames_there(photos, str(folder), lambda i: Frame(cameras[i], photos[i]))
 
 
-def inria_cameras(entries: list[Any]) -> list[Camera]:
+def inria_cameras(entries: list[object]) -> list[Camera]:
     """The cameras alone; errors of `inria_frames`."""
     if not entries:
         raise InputError("an empty list, expected at least one camera")
