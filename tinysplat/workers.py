@@ -21,18 +21,21 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic, TypeVar
 
 from tinysplat_runtime.errors import TinySplatError
 
-Work = Callable[[Any], Any]
+Job = TypeVar("Job")
+Record = TypeVar("Record")
+
+Work = Callable[[Job], Record]
 
 AHEAD = 2
 """Jobs handed out per process: the next one is there when one ends."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Generic[Job, Record]):
     """What came of a job.
 
     Attributes:
@@ -42,23 +45,25 @@ class Outcome:
         attempts: how often it was begun.
     """
 
-    job: Any
-    record: Any
+    job: Job
+    record: Record | None
     error: str | None
     attempts: int
 
 
-def run_here(jobs: Iterable[Any], work: Work) -> Iterator[Outcome]:
+def run_here(jobs: Iterable[Job], work: Work[Job, Record]) -> Iterator[Outcome[Job, Record]]:
     """Run jobs in this process, one after the other; an error that no job is to blame for ends it."""
     for job in jobs:
         try:
-            found = Outcome(job, work(job), None, 1)
+            found: Outcome[Job, Record] = Outcome(job, work(job), None, 1)
         except TinySplatError as error:
             found = outcome_of(job, None, error, 1)
         yield found
 
 
-def run_processes(jobs: Sequence[Any], work: Work, workers: int, attempts: int) -> Iterator[Outcome]:
+def run_processes(
+    jobs: Sequence[Job], work: Work[Job, Record], workers: int, attempts: int
+) -> Iterator[Outcome[Job, Record]]:
     """Run jobs in `workers` processes.
 
     A process that dies takes its whole pool along. The jobs that were under way are then run again one at a time, so
@@ -66,11 +71,11 @@ def run_processes(jobs: Sequence[Any], work: Work, workers: int, attempts: int) 
     """
     queue = deque((job, 1) for job in jobs)
     while queue:
-        suspects: list[tuple[Any, int]] = []
+        suspects: list[tuple[Job, int]] = []
         yield from _pool(queue, work, workers, attempts, suspects)
         while suspects:
             job, attempt = suspects.pop(0)
-            again: list[tuple[Any, int]] = []
+            again: list[tuple[Job, int]] = []
             yield from _pool(deque([(job, attempt + 1)]), work, 1, attempts, again)
             if again and again[0][1] >= attempts:
                 yield Outcome(job, None, "its worker died", again[0][1])
@@ -79,10 +84,10 @@ def run_processes(jobs: Sequence[Any], work: Work, workers: int, attempts: int) 
 
 
 def _pool(
-    queue: deque[tuple[Any, int]], work: Work, workers: int, attempts: int, suspects: list[tuple[Any, int]]
-) -> Iterator[Outcome]:
+    queue: deque[tuple[Job, int]], work: Work[Job, Record], workers: int, attempts: int, suspects: list[tuple[Job, int]]
+) -> Iterator[Outcome[Job, Record]]:
     """Run jobs of `queue` until it is empty or a process dies; the jobs then under way are added to `suspects`."""
-    running: dict[Future[Any], tuple[Any, int]] = {}
+    running: dict[Future[Record], tuple[Job, int]] = {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer=_settle) as pool:
         while (queue or running) and not suspects:
@@ -117,7 +122,7 @@ def may_pass(error: BaseException) -> bool:
     return not isinstance(error, TinySplatError)
 
 
-def outcome_of(job: Any, record: Any, error: BaseException | None, attempt: int) -> Outcome:
+def outcome_of(job: Job, record: Record | None, error: BaseException | None, attempt: int) -> Outcome[Job, Record]:
     """How a job ended, an error in a line."""
     text = None if error is None else " ".join(str(error).split())[:300] or type(error).__name__
     return Outcome(job, record, text, attempt)

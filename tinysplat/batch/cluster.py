@@ -15,8 +15,8 @@ from .jobs import BatchJob
 
 
 def run_ray(
-    jobs: Sequence[BatchJob], work: Work, workers: int, attempts: int, address: str | None
-) -> Iterator[Outcome]:
+    jobs: Sequence[BatchJob], work: Work[BatchJob, JsonObject], workers: int, attempts: int, address: str | None
+) -> Iterator[Outcome[BatchJob, JsonObject]]:
     """Run jobs as Ray tasks on the cluster at `address`, or on one started here with `workers` CPUs.
 
     Raises:
@@ -40,7 +40,9 @@ def run_ray(
             ray.shutdown()
 
 
-def _ray_tasks(ray: Any, jobs: Sequence[BatchJob], work: Work, attempts: int) -> Iterator[Outcome]:
+def _ray_tasks(
+    ray: Any, jobs: Sequence[BatchJob], work: Work[BatchJob, JsonObject], attempts: int
+) -> Iterator[Outcome[BatchJob, JsonObject]]:
     def begin(job: BatchJob) -> JsonObject:
         return work(job)
 

@@ -13,7 +13,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path, PureWindowsPath
-from typing import Any
 
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE

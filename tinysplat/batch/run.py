@@ -18,7 +18,7 @@ RESULTS = "results.json"
 WRITE_EVERY_S = 2.0
 """The results are rewritten at most this often, and at the end; what is lost with them is coded again on resume."""
 
-Engine = Callable[[Sequence[BatchJob]], Iterator[Outcome]]
+Engine = Callable[[Sequence[BatchJob]], Iterator[Outcome[BatchJob, JsonObject]]]
 
 
 def run_batch(
@@ -82,7 +82,7 @@ def _earlier(place: str) -> JsonObject:
     return scenes if isinstance(scenes, dict) else {}
 
 
-def _record(outcome: Outcome) -> JsonObject:
+def _record(outcome: Outcome[BatchJob, JsonObject]) -> JsonObject:
     job = outcome.job
     record = {"status": "failed" if outcome.error else "done", "scene": job.scene, "output": job.output}
     extra = {"error": outcome.error} if outcome.error else (outcome.record or {})

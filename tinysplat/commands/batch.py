@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tinysplat.batch.bounds import bounded
 from tinysplat.batch.cluster import run_ray
-from tinysplat.batch.jobs import CODE, Keep, encode, read_manifest
+from tinysplat.batch.jobs import CODE, BatchJob, Keep, encode, read_manifest
 from tinysplat.batch.run import RESULTS, Engine, run_batch
 from tinysplat.batch.storage import join, read
 from tinysplat.workers import Work, run_processes
@@ -95,7 +95,7 @@ def run(args: Namespace) -> int:
         jobs = read_manifest(_manifest(own.manifest), own.output, options, base, own.allow)
     except InputError as error:
         raise error.within(own.manifest) from None
-    work: Work = partial(encode, threads=own.threads)
+    work: Work[BatchJob, JsonObject] = partial(encode, threads=own.threads)
     if own.timeout or own.max_memory:
         work = partial(bounded, work=work, timeout=own.timeout, memory=own.max_memory)
     scheduled: JsonObject = {"work": work, "workers": own.workers or available_cores(), "attempts": own.attempts}

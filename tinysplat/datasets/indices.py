@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
 
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system.files import StrPath, read_limited

@@ -11,13 +11,16 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.scene.lenses import load_pycolmap
 from tinysplat_runtime.system.evenly import evenly
+
+if TYPE_CHECKING:
+    from pycolmap import Image, Reconstruction
 
 STRONG, _CHECKED = 30, 200
 """Matches of a pair that say something about its places; the most that are looked at."""
@@ -57,7 +60,7 @@ class Placement:
     """What was found of photos' places.
 
     Attributes:
-        model: the pycolmap.Reconstruction of most photos.
+        model: of most photos.
         others: numbers of photos of further models that do not join it, of those that it lacks.
         wrong: names of photos in the model whose matches contradict their places.
         uncertain: names of photos whose places may be off by more than `UNCERTAIN`, the most uncertain first.
@@ -65,7 +68,7 @@ class Placement:
         only_turns: whether a camera that only turned or zoomed explains the matches as well.
     """
 
-    model: Any
+    model: Reconstruction
     others: tuple[int, ...]
     wrong: frozenset[str]
     uncertain: tuple[str, ...]
@@ -88,7 +91,7 @@ class Placement:
         return len(self.right), -len(self.uncertain)
 
 
-def judged(models: Sequence[Any], database: Path, off: float, *, is_rig: bool = False) -> Placement | None:
+def judged(models: Sequence[Reconstruction], database: Path, off: float, *, is_rig: bool = False) -> Placement | None:
     """The largest of some models, judged by the matches that gave them, of features that lie `off` by so many pixels at
     most; None where there is none.
     """
@@ -109,7 +112,7 @@ def judged(models: Sequence[Any], database: Path, off: float, *, is_rig: bool = 
     )
 
 
-def only_turns(model: Any, database: Path, off: float) -> bool:
+def only_turns(model: Reconstruction, database: Path, off: float) -> bool:
     """Whether a camera that turns and zooms at one place explains the strong pairs of a model's photos.
 
     Their matches, which lie `off` by so many pixels at most, are then those of a homography K' R K⁻¹ (Hartley and
@@ -137,7 +140,9 @@ def only_turns(model: Any, database: Path, off: float) -> bool:
     return bool(np.average(explained, weights=[len(here) for _, here, *_ in pairs]) >= TURNED_PAIRS)
 
 
-def _strong_pairs(model: Any, database: Path) -> Iterator[tuple[Any, Any, tuple[NDArray, NDArray], bool]]:
+def _strong_pairs(
+    model: Reconstruction, database: Path
+) -> Iterator[tuple[Image, Image, tuple[NDArray, NDArray], bool]]:
     """Placed photos with `STRONG` matches or more, (M, 2) and (M, 2) places of some of these, pixels, and whether one
     homography explains most.
     """
@@ -188,7 +193,7 @@ def _left_by_homography(here: NDArray, there: NDArray) -> NDArray:
     return left
 
 
-def contradicted(model: Any, database: Path) -> frozenset[str]:
+def contradicted(model: Reconstruction, database: Path) -> frozenset[str]:
     """Names of placed photos of whose strong pairs (`STRONG` matches or more) most contradict their places.
 
     A match agrees with two places if it lies near the epipolar line that they give (Hartley and Zisserman 2004, 9.2).
@@ -209,7 +214,7 @@ def contradicted(model: Any, database: Path) -> frozenset[str]:
         wrong.add(worst)
 
 
-def _agrees(model: Any, one: Any, other: Any, points: tuple[NDArray, NDArray]) -> bool:
+def _agrees(model: Reconstruction, one: Image, other: Image, points: tuple[NDArray, NDArray]) -> bool:
     """Whether most matches (M, 2) and (M, 2), pixels, of two placed photos lie near their epipolar lines."""
     cameras = [model.cameras[image.camera_id] for image in (one, other)]
     first, second = (
@@ -224,7 +229,7 @@ def _agrees(model: Any, one: Any, other: Any, points: tuple[NDArray, NDArray]) -
     return bool((away < _ON_LINE * side).mean() >= _AGREE)
 
 
-def uncertainty(model: Any) -> dict[str, float]:
+def uncertainty(model: Reconstruction) -> dict[str, float]:
     """Standard deviation of each photo's place, by name, as a share of the places' extent.
 
     It follows from how far points are seen from where they should be, the mean over all sights. COLMAP's
@@ -274,7 +279,7 @@ def _cross(v: NDArray) -> NDArray:
     return np.cross(v, np.eye(3)).T
 
 
-def parallax(model: Any) -> float:
+def parallax(model: Reconstruction) -> float:
     """The median over a model's points of the largest angle between two photos' rays to them, degrees."""
     centres = {i: image.projection_center() for i, image in model.images.items() if image.has_pose}
     widest = []

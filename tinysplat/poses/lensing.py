@@ -8,11 +8,14 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tinysplat_runtime.scene.lenses import load_pycolmap
+
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
 
 GAP, SPREAD, LEAST = 0.1, 0.25, 3
 """Of a focal length, that two lenses differ by at least; of that gap, by which half of a lens's photos lie apart from
@@ -20,7 +23,7 @@ their median at most; and photos of each.
 """
 
 
-def focal_lengths(model: Any) -> dict[str, float]:
+def focal_lengths(model: Reconstruction) -> dict[str, float]:
     """Focal lengths of a model's photos by their names, pixels."""
     placed = (image for image in model.images.values() if image.has_pose)
     return {image.name: model.cameras[image.camera_id].mean_focal_length() for image in placed}

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.system.jsonfields import JsonObject
 
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
 
-def coloured_points(model: Any) -> tuple[NDArray, NDArray, NDArray]:
+
+def coloured_points(model: Reconstruction) -> tuple[NDArray, NDArray, NDArray]:
     """Points (N, 3) in the world, their colours (N, 3) uint8, and their errors (N,) in pixels."""
     points = list(model.points3D.values())
     return (
@@ -20,7 +23,7 @@ def coloured_points(model: Any) -> tuple[NDArray, NDArray, NDArray]:
     )
 
 
-def placed_photos(model: Any) -> tuple[list[JsonObject], NDArray]:
+def placed_photos(model: Reconstruction) -> tuple[list[JsonObject], NDArray]:
     """Photos that have a pose, and what they observe.
 
     Returns:
@@ -34,7 +37,7 @@ def placed_photos(model: Any) -> tuple[list[JsonObject], NDArray]:
         camera = model.cameras[image.camera_id]
         seen = (point.point3D_id for point in image.points2D if point.has_point3D())
         observations += [(len(entries), points[number]) for number in seen if number in points]
-        taken_with = {"model": camera.model.name, "params": [float(value) for value in camera.params]}
+        taken_with: JsonObject = {"model": camera.model.name, "params": [float(value) for value in camera.params]}
         taken_with |= {"width": int(camera.width), "height": int(camera.height)}
         pose = image.cam_from_world().matrix().tolist()
         entries.append({"name": image.name, "w2c": pose, "camera": taken_with})

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tinysplat_runtime.scene.lenses import load_pycolmap
 from tinysplat_runtime.system.told import NOBODY, Told
+
+if TYPE_CHECKING:
+    from pycolmap import Database
 
 ALIKE, MORE_ALIKE = 10, 20
 """Of the photos that share most features, how many one is compared with, at first and again."""
@@ -44,7 +47,7 @@ def shared_features(names: Sequence[str], database: Path, told: Told = NOBODY) -
     return shared
 
 
-def _largest_features(database: Any, image: int) -> NDArray:
+def _largest_features(database: Database, image: int) -> NDArray:
     """(n, 128) float32 unit vectors of a photo's features."""
     keypoints, descriptors = np.asarray(database.read_keypoints(image)), database.read_descriptors(image)
     sizes = np.hypot(keypoints[:, 2], keypoints[:, 4])  # the axes of an affine frame

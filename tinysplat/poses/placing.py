@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from tinysplat_runtime.system.told import NOBODY, Told
 from .judging import Placement, judged
 from .lensing import focal_lengths, lenses_of, with_cameras
 from .pairs import ALIKE, MORE_ALIKE, pairs_of_many, pairs_of_rig, shared_features
+
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction, RigConfigCamera
 
 MASKS = "masks"
 """Folder of masks beside that of photos."""
@@ -225,10 +228,10 @@ def _find_features(
             pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=_sensors(rig))], opened)
 
 
-def _sensors(rig: Mapping[str, NDArray]) -> list[Any]:
+def _sensors(rig: Mapping[str, NDArray]) -> list[RigConfigCamera]:
     """Cameras of a rig, the first of which the others are stated against."""
     pycolmap = load_pycolmap()
-    sensors: list[Any] = []
+    sensors: list[RigConfigCamera] = []
     for name, turn in rig.items():
         sensor = pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=not sensors)
         if sensors:
@@ -281,7 +284,7 @@ def _better(one: Placement | None, other: Placement | None) -> Placement | None:
 
 def _mapped(
     photos: Path, database: Path, count: int, *, off: float, is_careful: bool = False, is_rig: bool = False, told: Told
-) -> list[Any]:
+) -> list[Reconstruction]:
     """The models that matches of so many photos give, of features that lie `off` by at most."""
     pycolmap = load_pycolmap()
     folder = tempfile.mkdtemp(dir=database.parent)

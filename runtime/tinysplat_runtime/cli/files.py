@@ -7,13 +7,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..container.layout import MAGIC, MAX_FILE_BYTES, SUFFIX
 from ..container.limits import Limits
 from ..errors import InputError, within
 from ..system import kinds
 from ..system.files import read_limited, write_atomically
+from ..system.jsonfields import JsonObject
 from ..system.options import Options, option
 from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
@@ -176,6 +177,6 @@ def write_file(path: str, data: bytes) -> None:
     sys.stdout.buffer.flush()
 
 
-def write_json(path: str, value: dict[str, Any]) -> None:
+def write_json(path: str, value: JsonObject) -> None:
     """Write a report, whole or not at all."""
     write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())

@@ -10,7 +10,7 @@ gives back their middles, but for the outermost two; so does this one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +79,12 @@ def save_compressed_ply(path: Path, gaussians: Gaussians, _: WriteOptions) -> li
     return [*cut_degree_note(gaussians, MAX_DEGREE, ".compressed.ply"), *far_note(points)]
 
 
-def is_compressed(elements: Any) -> bool:
+def is_compressed(elements: Mapping[str, NDArray]) -> bool:
     """Whether the elements of a .ply by name are of this layout."""
     return "chunk" in elements and "vertex" in elements and _WORDS[0] in (elements["vertex"].dtype.names or ())
 
 
-def compressed_arrays(elements: Any) -> dict[str, NDArray]:
+def compressed_arrays(elements: Mapping[str, NDArray]) -> dict[str, NDArray]:
     """Means (N, 3), quats (N, 4), scales (N, 3), opacities (N,), sh (N, B, 3), linear, float64, of such elements.
 
     Raises:
@@ -114,7 +114,7 @@ def compressed_arrays(elements: Any) -> dict[str, NDArray]:
         }
 
 
-def _higher(elements: Any, count: int) -> NDArray:
+def _higher(elements: Mapping[str, NDArray], count: int) -> NDArray:
     """(N, B − 1, 3)."""
     if "sh" not in elements:
         return np.zeros((count, 0, 3))
@@ -175,7 +175,7 @@ def _element(name: str, names: Sequence[str], values: NDArray, kind: np.dtype) -
     return plyfile.PlyElement.describe(rows.view([(column, kind) for column in names])[:, 0], name)
 
 
-def _columns(data: NDArray[Any], names: Sequence[str], element: str, kinds: str = "fiu") -> NDArray:
+def _columns(data: NDArray, names: Sequence[str], element: str, kinds: str = "fiu") -> NDArray:
     held = {name for name in data.dtype.names or () if data.dtype[name].kind in kinds}
     missing = [name for name in names if name not in held]
     if missing:

@@ -19,7 +19,6 @@ import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -108,12 +107,12 @@ def read_gltf(path: Path, max_bytes: int) -> Contents:
     return {**half_turned(joined(parts)), **viewpoint_arrays(views)}, _notes(_object(file.document.get("asset")))
 
 
-def _notes(asset: JsonObject) -> dict[str, Any]:
+def _notes(asset: JsonObject) -> JsonObject:
     known = known_notes(_object(asset.get("extras")))
     return known or ({"attribution": asset["copyright"]} if isinstance(asset.get("copyright"), str) else {})
 
 
-def _object(value: Any) -> JsonObject:
+def _object(value: object) -> JsonObject:
     return value if isinstance(value, dict) else {}
 
 
@@ -122,7 +121,7 @@ class _File:
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         self.path, self.max_bytes = path, max_bytes
-        self._buffers: dict[int, bytes] = {}
+        self._buffers: dict[object, bytes] = {}
         with path.open("rb") as file:
             head = file.read(20)
             if head[:4] == GLB_MAGIC:
@@ -143,7 +142,7 @@ class _File:
             if not isinstance(name, str) or not _NEEDED.fullmatch(name):
                 raise InputError(f"{ascii(name)[:60]}, which is not known here", where="extensionsRequired")
 
-    def entry(self, kind: str, index: Any) -> JsonObject:
+    def entry(self, kind: str, index: object) -> JsonObject:
         """Element `index` of the list `kind`."""
         entries = self.document.get(kind)
         if not isinstance(entries, list) or type(index) is not int or not 0 <= index < len(entries):
@@ -152,7 +151,7 @@ class _File:
             raise InputError("no object", where=f"{kind}[{index}]")
         return dict(entries[index])
 
-    def accessor(self, index: Any, name: str) -> NDArray:
+    def accessor(self, index: object, name: str) -> NDArray:
         """(N, width) float64 values of an accessor, (N,) of a scalar one; normalised integers as glTF has them."""
         accessor = self.entry("accessors", index)
         if "sparse" in accessor or "bufferView" not in accessor:
@@ -172,7 +171,7 @@ class _File:
             values = np.maximum(values / np.iinfo(kind).max, -1)
         return values[:, 0] if width == 1 else values
 
-    def view(self, index: Any, name: str) -> tuple[JsonObject, memoryview]:
+    def view(self, index: object, name: str) -> tuple[JsonObject, memoryview]:
         """A buffer view, and its bytes."""
         view = self.entry("bufferViews", index)
         if view.get("extensions"):
@@ -184,7 +183,7 @@ class _File:
                 raise InputError("a buffer view beyond its buffer")
         return view, memoryview(data)[first : first + length]
 
-    def _buffer(self, index: Any) -> bytes:
+    def _buffer(self, index: object) -> bytes:
         entry = self.entry("buffers", index)
         if index not in self._buffers:
             self._buffers[index] = self._embedded() if "uri" not in entry else self._at(entry["uri"])
@@ -218,7 +217,7 @@ class _File:
         return read_limited(target, self.max_bytes)
 
 
-def _photo_cameras(file: _File, index: Any, matrix: NDArray) -> list[Camera]:
+def _photo_cameras(file: _File, index: object, matrix: NDArray) -> list[Camera]:
     """The camera of a photo at a node that stands so (4, 4) in the world; none where it is another kind of camera."""
     photo = _object(file.entry("cameras", index).get("extras"))
     if not {"K", "width", "height"} <= photo.keys():
@@ -294,7 +293,7 @@ def _mesh_parts(file: _File, mesh: JsonObject) -> Iterator[dict[str, NDArray]]:
         yield arrays
 
 
-def _spz_arrays(file: _File, primitive: JsonObject, view: Any) -> dict[str, NDArray]:
+def _spz_arrays(file: _File, primitive: JsonObject, view: object) -> dict[str, NDArray]:
     _, arrays = decode_spz(io.BytesIO(file.view(view, SPZ_EXTENSION)[1]), file.max_bytes)
     index = _object(primitive.get("attributes")).get("POSITION")
     stated = file.entry("accessors", index).get("count")

@@ -15,7 +15,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +68,7 @@ def read_ply(path: Path, max_bytes: int) -> Contents:
     elements = ply_elements(path, max_bytes)
     if is_compressed(elements):
         return compressed_arrays(elements), ply_notes(path)
-    vertex: NDArray[Any] = elements.get("vertex", np.zeros(0))
+    vertex: NDArray = elements.get("vertex", np.zeros(0))
     if "vertex" in elements and not len(vertex):
         raise InputError("no vertices, expected one for each Gaussian")
     names = [name for name in vertex.dtype.names or () if vertex.dtype[name].kind in "fiu"]  # lists are objects

@@ -29,7 +29,7 @@ _TYPES |= {"uint16": "u2", "int": "i4", "uint": "u4", "int32": "i4", "uint32": "
 _TYPES |= {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"}
 
 
-def ply_elements(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:
+def ply_elements(path: Path, max_bytes: int) -> dict[str, NDArray]:
     """The structured array (N,) of each element of a .ply file, by its name; lists are objects in it.
 
     Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -40,7 +40,7 @@ class Crew:
         helpers = min(self.threads, len(items)) - 1
         if self._pool is None or helpers < 1:
             return [job(item) for item in items]
-        results: list[Any] = [None] * len(items)
+        results: dict[int, Result] = {}
         queue = iter(range(len(items)))  # taking the next of a range is one step to Python's threads
 
         def work() -> None:
@@ -58,4 +58,4 @@ class Crew:
         for error in errors:
             if error is not None:
                 raise error
-        return results
+        return [results[index] for index in range(len(items))]

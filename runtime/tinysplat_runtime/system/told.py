@@ -9,11 +9,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from threading import Lock
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 from ..errors import SceneWarning, warn
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 Kind = Literal["step", "notice", "doubt", "done"]
 """What begins, what was found or chosen by default, what is likely wrong with the input, and what was done."""
@@ -71,14 +72,14 @@ class Told:
             for _ in counted:  # what was left out, or failed
                 pass
 
-    def counted(self, label: str, run_jobs: Callable[..., Any]) -> Callable[..., Any]:
+    def counted(self, label: str, run_jobs: Callable[..., R]) -> Callable[..., R]:
         """`run_jobs`, which maps a function over a list on any number of threads, made to report each item."""
 
-        def run(job: Callable[[Any], Any], items: Iterable[Any]) -> Any:
+        def run(job: Callable[[T], object], items: Iterable[T]) -> R:
             every = list(items)
             with self.counting(label, len(every)) as another:
 
-                def one(item: Any) -> Any:
+                def one(item: T) -> object:
                     found = job(item)
                     another()
                     return found

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from ..quality import GROUP, STUDY, mean_of_rows
 from ..rows import Row, grouped
-from .tables import Cell, Listing, Table, decibels, digits, format_table, kilobytes, mean, said
+from .tables import Cell, Listing, Table, Write, decibels, digits, format_table, kilobytes, mean, said
 
 FEW = 7
 """Scenes that a terminal has columns for."""
@@ -53,7 +52,7 @@ def _coded(rows: Sequence[Row]) -> str:
     return "{model}, {profile} {qp:g}, {width}×{height}".format(**rows[0].setting, width=width, height=height)
 
 
-def _seconds(stages: Sequence[str], rows: Sequence[Row], write: Callable[[Any], str]) -> str:
+def _seconds(stages: Sequence[str], rows: Sequence[Row], write: Write) -> str:
     sums = [replace(row, costs={"all": sum(row.costs.get(stage, 0.0) for stage in stages)}) for row in rows]
     return mean("all", write, "costs")(sums)
 

@@ -22,6 +22,10 @@ Table = Callable[[Sequence[Row]], str]
 """Rows of a run to Markdown; empty where none is its."""
 
 
+Write = Callable[[Any], str]
+"""What writes a value into a cell."""
+
+
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table whose columns line up: the first to the left, the others to the right."""
     lines = [list(header), *(list(row) for row in rows)]
@@ -112,12 +116,12 @@ class Listing:
         return {head: cells for head, cells in columns.items() if set(cells) != {ABSENT}}
 
 
-def said(name: str, write: Callable[[Any], str] = str) -> Cell:
+def said(name: str, write: Write = str) -> Cell:
     """What a group has in common: an attribute or a setting of its first row."""
     return lambda rows: write(getattr(rows[0], name, rows[0].setting.get(name)))
 
 
-def mean(name: str, write: Callable[[Any], str], kind: str = "figures") -> Cell:
+def mean(name: str, write: Write, kind: str = "figures") -> Cell:
     """Mean of a figure, or of a cost with `kind` costs, over the rows of a group that have it; a dash for none."""
 
     def cell(rows: Sequence[Row]) -> str:
@@ -127,6 +131,6 @@ def mean(name: str, write: Callable[[Any], str], kind: str = "figures") -> Cell:
     return cell
 
 
-def digits(count: int) -> Callable[[Any], str]:
+def digits(count: int) -> Write:
     """Writes numbers with so many digits behind the point."""
     return lambda value: number(value, count)

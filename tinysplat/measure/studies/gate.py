@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 from tinysplat_runtime.codec.job import EncodeStats
 from tinysplat_runtime.recipe.encode import encode
@@ -23,7 +22,7 @@ from tinysplat_runtime.scene.scenes import Scene
 from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
 from ..rows import Row
-from ..show.tables import ABSENT, Cell, Listing, decibels, digits, kilobytes, said
+from ..show.tables import ABSENT, Cell, Listing, Write, decibels, digits, kilobytes, said
 from ..study import Run, Study
 from ..subjects.captures import Capture
 from ..subjects.sources import EVAL_INDEX, FolderSource
@@ -82,7 +81,7 @@ def _row(run: Run, name: str, kind: str, given: Scene, targets: Scene) -> Row:
     return Row(STUDY, name, stats.mode, setting, figures, {"cpu": cpu, **stats.watch.seconds})
 
 
-def _of(way: str, name: str, write: Callable[[Any], str], kind: str = "figures") -> Cell:
+def _of(way: str, name: str, write: Write, kind: str = "figures") -> Cell:
     """Mean of a figure over a way's rows of subjects that both ways were measured on; a dash for none."""
 
     def cell(rows: Sequence[Row]) -> str:
@@ -94,7 +93,7 @@ def _of(way: str, name: str, write: Callable[[Any], str], kind: str = "figures")
     return cell
 
 
-def _pair(name: str, write: Callable[[Any], str], kind: str = "figures") -> Cell:
+def _pair(name: str, write: Write, kind: str = "figures") -> Cell:
     """Both ways' means of a figure."""
     return lambda rows: " → ".join(_of(way, name, write, kind)(rows) for way in (BEFORE, AFTER))
 

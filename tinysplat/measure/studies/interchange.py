@@ -8,9 +8,8 @@ are given go out in those that README shows.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 from tinysplat_runtime.api import load_gaussians
 from tinysplat_runtime.codec.profiles import DEFAULT_PROFILE
@@ -21,7 +20,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from ..rows import Row
-from ..show.tables import Cell, Listing, decibels, kilobytes, mean, said
+from ..show.tables import Cell, Listing, Write, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.room import write_room
 
@@ -64,7 +63,7 @@ _COLUMNS = {
 _IN_SHORT = ("PLY (3DGS)", "SPZ", "SOG")
 
 
-def _of(way: str, name: str, write: Callable[[Any], str]) -> Cell:
+def _of(way: str, name: str, write: Write) -> Cell:
     return lambda rows: mean(name, write)([row for row in rows if row.way == way])
 
 

@@ -14,11 +14,10 @@ the largest change between frames, in medians of the changes about it.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,7 @@ from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
 from ..rows import Row, grouped, of_study
 from ..show.plots import Panel, save_panels
-from ..show.tables import Cell, Listing, decibels, digits, kilobytes, mean, said
+from ..show.tables import Cell, Listing, Write, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
 
@@ -180,7 +179,7 @@ def _photos(rows: Sequence[Row]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
 
 
-def _of_file(name: str, write: Callable[[Any], str]) -> Cell:
+def _of_file(name: str, write: Write) -> Cell:
     """A figure of pictures from the file; of ways without one, of the way itself."""
     return lambda rows: mean(_coded(name) if "coded" in rows[0].figures else name, write)(rows)
 

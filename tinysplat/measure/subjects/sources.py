@@ -14,7 +14,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from tinysplat.datasets import SPECS, ChunkFolder, Window, read_paper_index
 from tinysplat.datasets.chunks import INDEX_FILE

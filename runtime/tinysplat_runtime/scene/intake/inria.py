@@ -10,7 +10,6 @@ al. 2023, `utils/camera_utils.py`, `camera_to_JSON`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from ...errors import InputError, within
 from ..cameras import Camera, intrinsics, posed
