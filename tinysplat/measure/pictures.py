@@ -49,11 +49,6 @@ class PictureJudge:
         return images, statistics.median(seconds)
 
 
-def photo_psnr(gaussians: Gaussians, cameras: Sequence[Camera], photos: Iterable[NDArray], threads: int = 1) -> float:
-    """Mean PSNR of Gaussians' pictures to photos (H, W, 3) float, dB."""
-    return mean_psnr(map(Renderer(gaussians, threads).render, cameras), photos)
-
-
 def mean_psnr(images: Iterable[NDArray], references: Iterable[NDArray]) -> float:
     """Mean PSNR over pairs of pictures (H, W, 3) float, dB."""
     return statistics.fmean(psnr(a, b) for a, b in zip(images, references, strict=True))

@@ -169,16 +169,16 @@ def _left_by_turns(side: int, here: NDArray, there: NDArray) -> NDArray:
     return np.stack([min(_left_by_turn(here, there, side * f, side * f * zooms), key=np.median) for f in FOCALS])
 
 
-def _left_by_turn(here: NDArray, there: NDArray, focal: float, its: NDArray) -> NDArray:
+def _left_by_turn(here: NDArray, there: NDArray, focal: float, focal_there: NDArray) -> NDArray:
     """(Z, M) pixels that the best turn leaves, of a focal length and several (Z, 1, 1) of the other photo, pixels."""
-    count = (len(its), len(there), 1)
+    count = (len(focal_there), len(there), 1)
     rays = np.hstack([here / focal, np.ones((len(here), 1))])
-    its_rays = np.concatenate([there / its, np.ones(count)], axis=2)
-    its_rays = its_rays / np.linalg.norm(its_rays, axis=2, keepdims=True)
-    u, _, v = np.linalg.svd(np.swapaxes(its_rays, 1, 2) @ (rays / np.linalg.norm(rays, axis=1, keepdims=True)))
+    rays_there = np.concatenate([there / focal_there, np.ones(count)], axis=2)
+    rays_there = rays_there / np.linalg.norm(rays_there, axis=2, keepdims=True)
+    u, _, v = np.linalg.svd(np.swapaxes(rays_there, 1, 2) @ (rays / np.linalg.norm(rays, axis=1, keepdims=True)))
     u[:, :, 2] *= np.sign(np.linalg.det(u @ v))[:, None]  # Kabsch 1976: the rotation nearest to it
     seen = rays @ np.swapaxes(u @ v, 1, 2)
-    left: NDArray = np.linalg.norm(its * seen[..., :2] / seen[..., 2:].clip(1e-6) - there, axis=2)
+    left: NDArray = np.linalg.norm(focal_there * seen[..., :2] / seen[..., 2:].clip(1e-6) - there, axis=2)
     return left
 
 

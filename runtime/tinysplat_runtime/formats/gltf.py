@@ -89,9 +89,9 @@ def _accessors(arrays: Mapping[str, NDArray]) -> list[JsonObject]:
     return accessors
 
 
-def sh_names(first: int, last: int) -> list[str]:
-    """Attributes of the SH coefficients of degrees `first` to `last`."""
-    return [f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}" for band in range(first, last + 1) for n in range(2 * band + 1)]
+def sh_names(degree: int) -> list[str]:
+    """Attributes of the SH coefficients up to a degree."""
+    return [f"{EXTENSION}:SH_DEGREE_{band}_COEF_{n}" for band in range(degree + 1) for n in range(2 * band + 1)]
 
 
 def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
@@ -107,7 +107,7 @@ def _attributes(gaussians: Gaussians) -> dict[str, NDArray]:
         f"{EXTENSION}:SCALE": gaussians.scales,
         f"{EXTENSION}:OPACITY": gaussians.opacities,
     }
-    arrays |= {name: sh[:, i] for i, name in enumerate(sh_names(0, degree))}
+    arrays |= {name: sh[:, i] for i, name in enumerate(sh_names(degree))}
     arrays = {name: np.ascontiguousarray(array, "<f4") for name, array in arrays.items()}
     return {**arrays, "COLOR_0": np.rint(fallback * 65535).astype("<u2")}
 

@@ -304,7 +304,7 @@ def _spz_arrays(file: _File, primitive: JsonObject, view: object) -> dict[str, N
 
 def _primitive_arrays(file: _File, attributes: JsonObject) -> dict[str, NDArray]:
     degree = max((int(match[1]) for match in map(_SH.fullmatch, attributes) if match), default=0)
-    terms = sh_names(0, degree)
+    terms = sh_names(degree)
     if lacking := [name for name in (*_ARRAYS, *terms) if name not in attributes]:
         raise InputError(f"lacks {', '.join(lacking[:5])}")
     columns: dict[str, NDArray] = {}

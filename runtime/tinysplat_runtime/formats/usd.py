@@ -28,7 +28,6 @@ from .assembly import Contents, WriteOptions
 from .axes import HALF_TURN, QUAT_SIGNS, half_turned, sh_signs
 from .usd_worker import NOTE_KEY
 
-MAX_DEGREE = 4
 PRIM = "/Scene/Gaussians"
 
 _SECONDS = 300

@@ -66,7 +66,7 @@ def encode_like(job: Job, file: bytes, limits: Limits | None = None) -> bytes:
         job: its Gaussians are per pixel, with cameras, of the file's views, layers and grids; SH of another degree are
             cut or filled with zeros, and where the file has degree 0, one colour takes their place as the input views
             see it. Its profile and Q_g play no part.
-        file: a `.tsplat` file of mode gaussians.
+        file: a `.tsplat` file of planes.
         limits: what to accept of the file.
 
     Returns:

@@ -177,12 +177,12 @@ class _Beside:
         """`kernels_joint.search` of the photo, whose planes are changed, among all photos' colours and maps; what each
         pixel's plane costs, (h, w).
         """
-        its = colours[self.views].reshape(len(self.views), first.size, 3)
+        pixels = colours[self.views].reshape(len(self.views), first.size, 3)
         spent = np.zeros(first.shape, np.float32)
         photos = Compared(
-            its.mean(axis=2),
-            its.reshape(len(its), -1),
-            found[self.views].reshape(len(its), -1),
+            pixels.mean(axis=2),
+            pixels.reshape(len(pixels), -1),
+            found[self.views].reshape(len(pixels), -1),
             self.A.astype(np.float32),
             self.b.astype(np.float32),
         )

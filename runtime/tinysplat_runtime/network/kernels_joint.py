@@ -114,9 +114,9 @@ def _parallax(A: NDArray, b: NDArray, x: Number, y: Number, w: Number) -> Number
 @compiled
 def _unlike(colours: NDArray, here: Number, there: Number) -> Number:
     """Σ |difference| of two pixels' colours."""
-    own, its = here * 3, there * 3
-    apart = abs(colours[own] - colours[its]) + abs(colours[own + 1] - colours[its + 1])
-    return apart + abs(colours[own + 2] - colours[its + 2])
+    own, other = here * 3, there * 3
+    apart = abs(colours[own] - colours[other]) + abs(colours[own + 1] - colours[other + 1])
+    return apart + abs(colours[own + 2] - colours[other + 2])
 
 
 @compiled
@@ -218,15 +218,15 @@ def _source_cost(
         sum_ += window[0, k] * value
         squares += window[0, k] * value * value
         products += window[1, k] * value
-    its = sum_ / total
-    spread = max(squares / total - its * its, _ZERO)
-    likeness = (products / total - mean * its) / math.sqrt((variance + _NOISE) * (spread + _NOISE))
+    mean_there = sum_ / total
+    spread = max(squares / total - mean_there * mean_there, _ZERO)
+    likeness = (products / total - mean * mean_there) / math.sqrt((variance + _NOISE) * (spread + _NOISE))
     apart = _colours_apart(colours, (u, v), (width, height), own)
     gap = abs(its_depth - w / z)
     shift_x, shift_y = b[0] - u * b[2], b[1] - v * b[2]
     moved = gap * math.sqrt(shift_x * shift_x + shift_y * shift_y)
     cost = min(_ONE - likeness, _ONE)
-    cost += _COLOUR * (min(apart / _F(3), _COLOUR_MOST) + min(abs(mean - its), _COLOUR_MOST))
+    cost += _COLOUR * (min(apart / _F(3), _COLOUR_MOST) + min(abs(mean - mean_there), _COLOUR_MOST))
     return cost + _AGREE * min(moved, _AGREE_PX)
 
 
@@ -273,13 +273,13 @@ def _tried(
 
 
 @compiled
-def _sorted_in(costs: NDArray, count: int, its: Number) -> int:
+def _sorted_in(costs: NDArray, count: int, cost: Number) -> int:
     """Put a cost among so many, in rising order; how many there are then."""
     place = count
-    while place > 0 and costs[place - 1] > its:
+    while place > 0 and costs[place - 1] > cost:
         costs[place] = costs[place - 1]
         place -= 1
-    costs[place] = its
+    costs[place] = cost
     return count + 1
 
 
@@ -334,9 +334,9 @@ def search(
                         continue
                     count = 0
                     for s in range(sources):
-                        its = _source_cost(photos, s, plane, (x, y, width, height), own, window, seen)
-                        if its >= 0:
-                            count = _sorted_in(costs, count, its)
+                        found = _source_cost(photos, s, plane, (x, y, width, height), own, window, seen)
+                        if found >= 0:
+                            count = _sorted_in(costs, count, found)
                     cost += _mean_of_better(costs, count)
                     if cost < least:
                         least, best = cost, plane

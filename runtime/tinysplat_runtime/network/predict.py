@@ -209,13 +209,13 @@ def assembled(outputs: Mapping[str, NDArray], cameras: Sequence[Camera], near: f
         if (arrays["scales"] < 0).any():
             raise NumericError("the network returned negative numbers", where=f"{prefix}scales")
         try:
-            its = cameras
+            of_grid = cameras
             if prefix:
                 K = _finite(outputs, f"{prefix}K", name)
                 if K.shape != (views, 3, 3):
                     raise ModelError(f"output '{prefix}K' has shape {K.shape}, expected (V, 3, 3)", where=name)
-                its = [Camera(K[v], camera.c2w, grid[1], grid[0]) for v, camera in enumerate(cameras)]
-            layers.append(Gaussians(**arrays, cameras=tuple(its), origin=origin))
+                of_grid = [Camera(K[v], camera.c2w, grid[1], grid[0]) for v, camera in enumerate(cameras)]
+            layers.append(Gaussians(**arrays, cameras=tuple(of_grid), origin=origin))
         except InputError as error:  # of the checks that scenes and cameras share, and here the network's fault
             raise ModelError(f"returned {error}", where=name) from None
     return replace(layers[0], extra_layers=tuple(layers[1:]))

@@ -106,21 +106,21 @@ def neighbours(cameras: Sequence[Camera]) -> NDArray:
     return order
 
 
-def cost_volume(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> CostVolume:
+def cost_volume(image: NDArray, camera: Camera, other: NDArray, other_camera: Camera, depths: NDArray) -> CostVolume:
     """A photo (H, W, 3) compared with another, both float in [0, 1] of their cameras' sizes, at depths (P,) > 0."""
-    return CostVolume(_costs(image, camera, other, its, depths), depths)
+    return CostVolume(_costs(image, camera, other, other_camera, depths), depths)
 
 
-def consistency(own: CostVolume, camera: Camera, other: CostVolume, its: Camera) -> float:
+def consistency(own: CostVolume, camera: Camera, other: CostVolume, other_camera: Camera) -> float:
     """Share of a photo's pixels in another's frame at whose best depth the other's own best depth lies, 0 to 1.
 
     Photos of different things often find colours that fit, but not at the same places from both sides.
 
     Args:
         own, camera: of the photo.
-        other, its: of the other, looked at over the same depths.
+        other, other_camera: of the other, looked at over the same depths.
     """
-    inside, same = _consistent(own, camera, other, its)
+    inside, same = _consistent(own, camera, other, other_camera)
     return float(same.sum() / max(inside.sum(), 1))
 
 
@@ -188,9 +188,8 @@ def _pairs(cameras: Sequence[Camera], least: float) -> list[tuple[int, int]]:
     pairs = set()
     for v in range(len(cameras)):
         others = [u for u in np.argsort(apart[v], kind="stable").tolist() if least <= apart[v, u] < np.inf]
-        beside = [u for u in others[:AMONG] if alike[v, u] > ALONGSIDE] or sorted(others, key=lambda u: -alike[v, u])[
-            :1
-        ]
+        alongside = [u for u in others[:AMONG] if alike[v, u] > ALONGSIDE]
+        beside = alongside or sorted(others, key=lambda u: -alike[v, u])[:1]
         pairs |= {(min(u, v), max(u, v)) for u in beside[:PARTNERS]}
     return sorted(pairs)
 
@@ -202,12 +201,12 @@ def _sure_depths(images: NDArray, cameras: Sequence[Camera], pair: tuple[int, in
     return [volume.depths[volume.costs.argmin(axis=0)[is_told]] for volume, is_told in both]
 
 
-def _consistent(own: CostVolume, camera: Camera, other: CostVolume, its: Camera) -> tuple[NDArray, NDArray]:
+def _consistent(own: CostVolume, camera: Camera, other: CostVolume, other_camera: Camera) -> tuple[NDArray, NDArray]:
     """Which pixels (H, W) lie in another photo's frame, and at which of these it has that depth, too."""
     inverse = 1 / own.depths
     best = own.depths[own.costs.argmin(axis=0)]
-    (point,) = _points(camera, its, best.shape, best[None, :, :, None])
-    row, column, inside = _places(point, its)
+    (point,) = _points(camera, other_camera, best.shape, best[None, :, :, None])
+    row, column, inside = _places(point, other_camera)
     step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)
     there = inverse[other.costs.argmin(axis=0)][row, column]
     with np.errstate(divide="ignore"):
@@ -239,23 +238,23 @@ def looked_at(cameras: Sequence[Camera]) -> NDArray | None:
     return point if (((point - centres) * axes).sum(axis=1) > 0).mean() > 0.5 else None
 
 
-def _costs(image: NDArray, camera: Camera, other: NDArray, its: Camera, depths: NDArray) -> NDArray:
+def _costs(image: NDArray, camera: Camera, other: NDArray, other_camera: Camera, depths: NDArray) -> NDArray:
     """(P, H, W) distances of an image's colours to those of another where it shows a pixel at each depth."""
     height, width = image.shape[:2]
     costs = np.empty((len(depths), height, width), np.float32)
-    for p, point in enumerate(_points(camera, its, (height, width), depths[:, None, None, None])):
-        row, column, inside = _places(point, its)
+    for p, point in enumerate(_points(camera, other_camera, (height, width), depths[:, None, None, None])):
+        row, column, inside = _places(point, other_camera)
         red, green, blue = np.moveaxis(np.abs(other[row, column] - image), -1, 0)
         costs[p] = np.where(inside, (red + green + blue) / 3, UNSEEN)
     return _smoothed(costs)
 
 
-def _points(camera: Camera, its: Camera, size: tuple[int, int], depths: NDArray) -> Iterator[NDArray]:
+def _points(camera: Camera, other_camera: Camera, size: tuple[int, int], depths: NDArray) -> Iterator[NDArray]:
     """Where another camera has the pixels of one at each of depths (P, …): (H, W, 3) homogeneous, z last."""
     v, u = np.mgrid[0 : size[0], 0 : size[1]] + 0.5
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ (camera.rotation.T @ np.linalg.inv(camera.K)).T  # (H, W, 3)
-    turned = rays @ (its.K @ its.rotation).T
-    shift = (camera.centre - its.centre) @ (its.K @ its.rotation).T
+    turned = rays @ (other_camera.K @ other_camera.rotation).T
+    shift = (camera.centre - other_camera.centre) @ (other_camera.K @ other_camera.rotation).T
     return (depth * turned + shift for depth in depths)
 
 

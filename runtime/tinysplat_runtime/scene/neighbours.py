@@ -140,10 +140,10 @@ def view_places(cameras: Sequence[Camera], near: float, far: float) -> NDArray:
 
 
 def nearest_views(cameras: Sequence[Camera], camera: Camera, depth: float, count: int) -> list[int]:
-    """The views of least d from a camera, as many as are asked for or as there are, rising; D is `depth`."""
+    """The views of least d from a camera, as many as are asked for or as there are, nearest first; D is `depth`."""
     places = view_places([*cameras, camera], depth, depth)
     distances = np.square(places[:-1] - places[-1]).sum(axis=1)
-    return sorted(np.argsort(distances, kind="stable")[:count].tolist())
+    return [int(view) for view in np.argsort(distances, kind="stable")[:count]]
 
 
 def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:

@@ -64,9 +64,8 @@ class SheetPicture:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Rows that belong together, under one name."""
+    """Rows that belong together."""
 
-    name: str
     title: str
     rows: tuple[SheetPicture, ...]
 
@@ -77,7 +76,7 @@ def picture_sheet(a: Path, b: Path) -> Sheet:
     if images[0].shape != images[1].shape:
         (h0, w0, _), (h1, w1, _) = (image.shape for image in images)
         raise InputError(f"{w1}x{h1} pixels, but {a} has {w0}x{h0}", where=str(b))
-    return Sheet("comparison", f"A: {a.name}   B: {b.name}", (SheetPicture(a.stem, images[0], images[1]),))
+    return Sheet(f"A: {a.name}   B: {b.name}", (SheetPicture(a.stem, images[0], images[1]),))
 
 
 def gaussian_sheet(
@@ -100,7 +99,7 @@ def gaussian_sheet(
     renderers = [Renderer(one) for one in pair]
     images = [[of.render(camera, size) for of in renderers] for camera in told.progress("drawing", path)]
     rows = tuple(SheetPicture(label, *both) for label, both in zip(labels, images, strict=True))
-    return Sheet("comparison", f"A: {names[0]}   B: {names[1]}", rows)
+    return Sheet(f"A: {names[0]}   B: {names[1]}", rows)
 
 
 def _size(camera: Camera) -> tuple[int, int]:
@@ -110,9 +109,8 @@ def _size(camera: Camera) -> tuple[int, int]:
 
 def write_sheet(folder: Path, sheet: Sheet, told: Told = NOBODY) -> list[Path]:
     """Write a sheet as PNG, in parts of MAX_ROWS rows, which `told` counts; the files' paths."""
-    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in sheet.name)
     parts = [sheet.rows[i : i + MAX_ROWS] for i in range(0, len(sheet.rows), MAX_ROWS)]
-    paths = [folder / f"{safe}{f'-{n + 1}' if len(parts) > 1 else ''}.png" for n in range(len(parts))]
+    paths = [folder / f"comparison{f'-{n + 1}' if len(parts) > 1 else ''}.png" for n in range(len(parts))]
     for path, rows in told.progress("writing sheets", list(zip(paths, parts, strict=True))):
         _draw(path, sheet.title, rows)
     return paths

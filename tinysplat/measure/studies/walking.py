@@ -29,8 +29,7 @@ from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.stages import sparse
 from tinysplat_runtime.render import Renderer, between
-from tinysplat_runtime.scene.cameras import Camera
-from tinysplat_runtime.scene.neighbours import view_places
+from tinysplat_runtime.scene.neighbours import nearest_views
 from tinysplat_runtime.scene.scenes import Scene
 from tinysplat_runtime.system.told import NOBODY
 
@@ -120,7 +119,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         for known in rows[len(given.frames)]:
             yield known if known.study == SPARED else replace(known, setting={**known.setting, "asked": str(asked)})
     given = found_for(capture.given(COMPARED))
-    nearest = [_nearest(given, camera, 2) for camera in cameras]
+    near, far = given.depth_range()
+    nearest = [nearest_views(given.cameras, camera, 2 / (1 / near + 1 / far), 2) for camera in cameras]
     pairs = [
         Renderer(runtime.predict(given.views(pair), model), run.threads).render(camera)
         for pair, camera in zip(nearest, cameras, strict=True)
@@ -144,13 +144,6 @@ def _spared(capture: Capture, data: bytes) -> dict[str, float]:
         "colours_coded": first["k"],
         "behind": sum(layer["gaussians"] for layer in behind) / first["gaussians"],
     }
-
-
-def _nearest(scene: Scene, camera: Camera, count: int) -> list[int]:
-    """Photos taken nearest to a camera, by places and directions."""
-    *places, own = view_places([*scene.cameras, camera], *scene.depth_range())
-    distance = np.linalg.norm(np.stack(places) - own, axis=1)
-    return [int(i) for i in np.argsort(distance, kind="stable")[:count]]
 
 
 def flicker(gaussians: Gaussians, threads: int) -> float:

@@ -184,7 +184,7 @@ def _stripes(cameras: Sequence[Camera], count: int, depth: float) -> list[_Strip
         K[1, 2] -= first
         views: Sequence[int] = range(len(cameras))
         if len(cameras) > FEW:
-            views = nearest_views(cameras, camera, depth, NEAR)
+            views = sorted(nearest_views(cameras, camera, depth, NEAR))
         stripes.append(_Stripe(Camera(K, camera.c2w, camera.width, rows), first, camera.height, views))
     return stripes
 

@@ -57,9 +57,9 @@ def _scores_of_one(seen: Seen, view: int) -> dict[str, float]:
     own = sum(seen.shares[pair] for pair in around)
     rest = sum(seen.shares.values()) - own
     scores = {}
-    for text, its, camera in single(seen, view):
-        known, read_as = {**seen.corners, view: its}, {**cameras, view: camera}
-        both = places if its is seen.corners[view] else {(v, u): matched(known[v], known[u]) for v, u in around}
+    for text, corners, camera in single(seen, view):
+        known, read_as = {**seen.corners, view: corners}, {**cameras, view: camera}
+        both = places if corners is seen.corners[view] else {(v, u): matched(known[v], known[u]) for v, u in around}
         fits = sum(inliers(both[v, u], read_as[v], read_as[u]) for v, u in around)
         if fits >= max(MORE * own, own + CHANCE):
             scores[text] = rest + fits

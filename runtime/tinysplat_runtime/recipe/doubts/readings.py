@@ -79,9 +79,9 @@ def _lines(seen: Seen, view: int) -> tuple[NDArray, NDArray]:
     """(M, 2) unit normals of the lines on which a photo's corners should lie, and (M,) how far off they are, pixels."""
     camera, normals, off = seen.closer[view], [], []
     for other, here, there in _beside(seen, view):
-        its = seen.closer[other]
-        shift = camera.rotation @ (its.centre - camera.centre)
-        rays = there @ (camera.rotation @ its.rotation.T @ np.linalg.inv(its.K)).T
+        partner = seen.closer[other]
+        shift = camera.rotation @ (partner.centre - camera.centre)
+        rays = there @ (camera.rotation @ partner.rotation.T @ np.linalg.inv(partner.K)).T
         lines = np.cross(shift, rays) @ np.linalg.inv(camera.K)
         length = np.linalg.norm(lines[:, :2], axis=1).clip(1e-12)
         normals.append(lines[:, :2] / length[:, None])
@@ -120,12 +120,13 @@ def _moved(seen: Seen, view: int) -> Camera | None:
     """
     camera, normals, ends = seen.closer[view], [np.empty((0, 3))], [np.empty(0)]
     for other, here, there in _beside(seen, view):
-        its = seen.closer[other]
-        ray, its_ray = ((places @ np.linalg.inv(c.K).T) @ c.rotation for places, c in ((here, camera), (there, its)))
-        across = np.cross(ray / np.linalg.norm(ray, axis=1, keepdims=True), its_ray)
-        across /= np.linalg.norm(its_ray, axis=1, keepdims=True)
+        partner = seen.closer[other]
+        both = (here, camera), (there, partner)
+        ray, ray_there = ((places @ np.linalg.inv(c.K).T) @ c.rotation for places, c in both)
+        across = np.cross(ray / np.linalg.norm(ray, axis=1, keepdims=True), ray_there)
+        across /= np.linalg.norm(ray_there, axis=1, keepdims=True)
         normals.append(across)
-        ends.append(across @ (its.centre - camera.centre))
+        ends.append(across @ (partner.centre - camera.centre))
     rows, ends_of = np.concatenate(normals), np.concatenate(ends)
     if len(rows) < 2 * len(camera.centre):
         return None
