@@ -144,7 +144,7 @@ class Runtime:
                 cannot be reached; with `lossless` or `like`, a list, or of other grids than `like`.
             NumericError: Gaussians with z ≤ 0.
         """
-        from .recipe.encode import compress
+        from .recipe.compress import compress
         from .recipe.request import CompressRequest
 
         check_is(gaussians, Gaussians, *GAUSSIANS)

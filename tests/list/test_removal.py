@@ -172,8 +172,12 @@ def test_converted_lists_are_pruned_unless_all_are_to_be_kept(ball, tmp_path: Pa
     for options, kept in (({}, False), ({"keep_all": True}, True)):
         ts.convert(source, file, **options)
         assert (ts.load_gaussians(file).count == ball.count) is kept
-    ts.convert(source, file, prune=0.5)  # what is left of it stays
-    assert ts.load_gaussians(file).count == pytest.approx(ball.count / 2, abs=1)
+    pixels = make_gaussians(2, 16, 24, degree=1)
+    exact = tmp_path / "exact.tsplat"
+    exact.write_bytes(ts.compress(pixels, lossless=True))
+    for whole, count in ((source, ball.count), (exact, pixels.count)):
+        ts.convert(whole, file, prune=0.5)  # what is left of it stays
+        assert ts.load_gaussians(file).count == pytest.approx(count / 2, abs=1)
 
 
 _WITHOUT = """

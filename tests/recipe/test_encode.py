@@ -15,9 +15,9 @@ from scenes import Heard, make_smooth_gaussians, psnr, refusing, tells, write_sc
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.formats.table import load_gaussians
-from tinysplat_runtime.recipe.choice import chosen
 from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.forecast import list_forecast
+from tinysplat_runtime.recipe.kinds import chosen
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.render import DEFINITION
 
@@ -118,7 +118,7 @@ def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
 
     def foretold(side: int, views: int, at_most: int | None = None) -> list[float]:
         scene = ts.load_scene(write_scene(tmp_path / f"{side} {views} {at_most}", views=views, height=side, width=side))
-        line = list_forecast(scene, at_most, None)
+        line = list_forecast(EncodeRequest(scene, at_most=at_most), scene)
         assert line.startswith(f"{views} photos of {side}x{side}:")
         words = line.replace(",", "").split()
         return [float(words[words.index(unit) - 1]) for unit in ("Gaussians", "KB", "CPU")]
@@ -199,6 +199,9 @@ def test_two_photos_become_a_list_where_that_is_asked_for(many: Path, tmp_path: 
     options = ["--size", "64x48", "--train", "10", "--quiet"]
     assert main(["encode", str(many), "-o", str(path), "--views", "0,3", *options]) == 0
     assert 0 < load_gaussians(path).count < 2 * 64 * 48
+    scene = ts.load_scene(many, near=2, far=9).views([0, 3]).resized(48, 64)
+    data = RUNTIME.encode(scene, gaussians=RUNTIME.predict(scene), mode="list", train=10)
+    assert ts.inspect(data)["mode"] == "list" and 0 < ts.decompress(data).count < 2 * 64 * 48
 
 
 def test_photos_with_one_of_another_scene_are_those_without_it(tmp_path: Path) -> None:
@@ -236,7 +239,7 @@ def test_three_photos_become_a_list_where_nobody_asks_for_what_planes_alone_have
     pytest.importorskip("numba")
     scene = ts.load_scene(write_scene(tmp_path / "scene", views=views, height=32, width=40))
     found = chosen(EncodeRequest(scene, **asked), scene, heard := Heard())
-    assert found.mode == mode and not found.fast
+    assert found.mode == mode
     assert ("--fast" in " ".join(heard.lines)) == (mode == "list" and asked.keys() <= {"target_size"})
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from tinysplat.commands.compare import STEPS as COMPARING
 from tinysplat.poses.placing import ahead as ahead_of_poses
-from tinysplat_runtime.recipe.ahead import AGREED, CHECKS, CODED, COMPARED, LISTED, TRAINED
+from tinysplat_runtime.recipe.encode import AGREED, CHECKS, COMPARED
+from tinysplat_runtime.recipe.kinds import CODED, LISTED, TRAINED
 from tinysplat_runtime.system.course import Course
 
 FACTOR = 1.5

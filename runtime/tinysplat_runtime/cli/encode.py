@@ -12,10 +12,8 @@ from ..container.list import List
 from ..errors import InputError, within
 from ..formats.viewpoints import found_beside
 from ..modes import LIST
-from ..network.ways import LEAST_EACH
-from ..recipe.encode import Encoded, listed
-from ..recipe.encode import compress as compress_gaussians
-from ..recipe.encode import encode as encode_photos
+from ..recipe.compress import Encoded
+from ..recipe.compress import compress as compress_gaussians
 from ..recipe.export import KEEPS_CAMERAS
 from ..recipe.request import Coding, CompressRequest, EncodeRequest, ExportRequest, Upright
 from ..system.stopwatch import Stopwatch
@@ -28,6 +26,8 @@ from .outputs import is_standard
 
 def encode(args: Namespace) -> None:
     """Photos and cameras to a .tsplat file, or to one list of Gaussians in another format."""
+    from ..recipe.encode import encode as encode_photos
+
     own = asked(args, Encode)
     request, placed = asked(args, EncodeRequest, own.scene), asked(args, Upright)
     voice = own.voice
@@ -46,6 +46,7 @@ def encode(args: Namespace) -> None:
 
 def _list(own: Encode, request: EncodeRequest, placed: Upright, runtime: Runtime) -> None:
     """Photos to a file for any viewer: a list that is not coded."""
+    from ..recipe.encode import encode as encode_photos
     from ..recipe.export import exported, write_list
 
     voice, coding = own.voice, {*Coding.options(), "fast"}
@@ -53,10 +54,11 @@ def _list(own: Encode, request: EncodeRequest, placed: Upright, runtime: Runtime
     if given or request.mode not in (None, LIST):
         option = f"--{(given or ['mode'])[0].replace('_', '-')}"
         raise InputError(f"of .tsplat files, expected none with {own.output}", where=option)
-    gaussians, *_ = listed(replace(request, mode=LIST), runtime, voice)
+    made = encode_photos(replace(request, mode=LIST), runtime, voice, keep=True, is_coded=False).gaussians
+    assert made is not None
     export = ExportRequest(**placed.given())
     with named(placed.options()):
-        gaussians = exported([("", gaussians)], own.output, export, runtime, voice)
+        gaussians = exported([("", made)], own.output, export, runtime, voice)
     for loss in write_list(own.output, gaussians, export):
         voice.say("notice", loss, own.output)
     size = Path(own.output).stat().st_size
@@ -105,13 +107,12 @@ def _compare(coded: Encoded, voice: Voice, runtime: Runtime, *, model: str) -> N
     from ..recipe.own import LOW_DB, compared
 
     scene, camera = coded.photos, coded.photos.cameras[0]
-    compiled = None if len(scene.frames) >= LEAST_EACH else False  # which judging and training have loaded
-    look = compared(coded.data, scene, runtime, model, voice, compiled=compiled)
+    count, psnr = compared(coded, runtime, model, voice)
     voice.done(
-        f"{len(scene.frames)} views of {camera.width}x{camera.height}, {look.gaussians} Gaussians,"
-        f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {look.psnr:.1f} dB at its own photos"
+        f"{len(scene.frames)} views of {camera.width}x{camera.height}, {count} Gaussians,"
+        f" {len(coded.data)} bytes, {coded.seconds:.1f} s; {psnr:.1f} dB at its own photos"
     )
-    if look.psnr < LOW_DB:
+    if psnr < LOW_DB:
         known = "not units, w2c, axes or overlap; photos may differ in light or time"
         cause = coded.doubts[0] if coded.doubts else known
-        voice.say("doubt", f"{look.psnr:.1f} dB is low; likely cause: {cause}", scene.path)
+        voice.say("doubt", f"{psnr:.1f} dB is low; likely cause: {cause}", scene.path)

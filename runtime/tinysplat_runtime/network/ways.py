@@ -61,7 +61,7 @@ class Way(ABC):
     @property
     @abstractmethod
     def steps(self) -> list[tuple[str, float]]:
-        """(label, usual share of the time) of each step, as in `recipe.ahead`."""
+        """(label, usual share of the time) of each step, as in `recipe.steps`."""
 
     @abstractmethod
     def _predicted(self, scene: Scene, watch: Stopwatch, told: Told) -> Gaussians:

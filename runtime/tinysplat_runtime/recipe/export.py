@@ -27,7 +27,7 @@ from .request import HOW, Coding, CompressRequest, ExportRequest
 
 if TYPE_CHECKING:
     from ..list.pruning.amount import Amount
-    from .stages import Tools
+    from .steps import Tools
 
 KEEPS_VIEWS = (SUFFIX, ".npz", ".safetensors")
 """Endings of files that know of which view each Gaussian is."""
@@ -139,7 +139,7 @@ def save(path: StrPath, gaussians: Gaussians, options: Mapping[str, object], too
     gaussians = exported([("", gaussians)], os.fspath(path), request, tools)
     if not is_ours:
         return write(path, gaussians, request, tools)
-    from .encode import compress
+    from .compress import compress
 
     if request.prune is not None:
         coding.setdefault("keep_all", True)
@@ -178,20 +178,26 @@ def _coded(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: S
     Moved as a whole they take their source's very pictures, which hold what cameras see; else its profile and Q_g. Cut
     or joined they are no longer pixels of views, and coded as such. What was pruned once stays as it is.
     """
-    from .stages import Pruning, code
+    from .coding import code
+    from .kinds import kind_of
 
     keep_all = request.keep_all or request.prune is not None or bool(gaussians.notes.pruned)
+    coding = _coding(gaussians, request, tools, source)
+    return code(gaussians, coding, tools, kind_of(gaussians, coding, keep_all=keep_all))
+
+
+def _coding(gaussians: Gaussians, request: ExportRequest, tools: Tools, source: StrPath | None) -> Coding:
+    """How fine they are coded: as their source is, and moved as a whole by its very pictures."""
     if source is None:
-        return code(gaussians, Coding(), tools, pruning=Pruning(keep_all))
+        return Coding()
     data = read_limited(source, MAX_FILE_BYTES)
     container = read_container(data, tools.limits)
     if isinstance(container.body, Exact):
-        return code(gaussians, Coding(lossless=gaussians.is_per_pixel), tools)
+        return Coding(lossless=gaussians.is_per_pixel)
     # a basis of SH does not turn along
     turns = (request.rotate is not None or request.level) and gaussians.degree > 0
     # Where the scene grew, steps of depth did not grow along.
     keeps_pixels = request.views is None and request.scale == 1 and request.length is None
     if not isinstance(container.body, Planes) or not gaussians.is_per_pixel or turns or not keeps_pixels:
-        coding = Coding(profile=container.profile, qp=container.qp)
-        return code(gaussians, coding, tools, pruning=Pruning(keep_all))
-    return code(gaussians, Coding(like=data), tools)
+        return Coding(profile=container.profile, qp=container.qp)
+    return Coding(like=data)

@@ -12,7 +12,13 @@ import numpy as np
 from ..list.training import BYTES_EACH
 from ..list.training.contrast import contrast
 from ..scene.scenes import Frame, Scene
+from ..scene.viewchoice import ALL_VIEWS
 from ..system.evenly import evenly
+from .request import EncodeRequest
+
+PHOTO_BYTES, BYTES_EXPONENT = 26_000, 0.69
+"""Bytes of a photo of 256×256 as planes by default, and how they grow with its pixels that count; captures of 16 to 45
+photos took 23,000 to 29,000."""
 
 PHOTOS = 4
 """Photos of a capture that are looked at for how much detail all have."""
@@ -24,6 +30,16 @@ MANY, PRUNE_SECONDS, KEEP_SECONDS = 100_000, 0.14, 0.025
 """Gaussians from which pruning takes long; CPU seconds of a thousand, pruned or all kept: docs/lab/list.md."""
 
 
+def planes_forecast(request: EncodeRequest, scene: Scene) -> str:
+    """A line about the file of many photos as planes, where nothing but the default is asked for."""
+    if len(scene.frames) in ALL_VIEWS or not request.is_usual:
+        return ""
+    camera = scene.cameras[0]
+    known = (frame.known() for frame in scene.frames)
+    counted = (camera.width * camera.height * (1.0 if which is None else float(which.mean())) for which in known)
+    return f"about {sum(PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT for pixels in counted) / 1000:.0f} KB"
+
+
 def list_count(scene: Scene, at_most: int | None = None, size: int | None = None) -> float:
     """About how many Gaussians photos have as a list of at most so many Gaussians and bytes."""
     count = len(scene.frames)
@@ -31,9 +47,10 @@ def list_count(scene: Scene, at_most: int | None = None, size: int | None = None
     return float(min(0.08 * detail**1.1 * count**-0.3, at_most or np.inf, (size or np.inf) / BYTES_EACH))
 
 
-def list_forecast(scene: Scene, at_most: int | None, size: int | None) -> str:
-    """A line about photos as a list of at most so many Gaussians and bytes has them: Gaussians, bytes, CPU seconds."""
-    count, camera, gaussians = len(scene.frames), scene.cameras[0], list_count(scene, at_most, size)
+def list_forecast(request: EncodeRequest, scene: Scene) -> str:
+    """A line about photos as a list: Gaussians, bytes, CPU seconds."""
+    count, camera = len(scene.frames), scene.cameras[0]
+    gaussians = list_count(scene, request.at_most, request.target_size)
     larger = max(camera.width * camera.height / 256**2, 0.5)  # steps of small photos cost what Gaussians do
     seconds = PHOTO_SECONDS * count * larger**SIZE + GAUSSIAN_SECONDS * gaussians
     made = f"about {_rounded(gaussians)} Gaussians and {_rounded(BYTES_EACH * gaussians / 1000)} KB"

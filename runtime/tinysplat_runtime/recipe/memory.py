@@ -9,9 +9,9 @@ from ..network.enlarge import LARGE_PIXELS
 from ..network.ways import OneByOne, SmallCopies, Way
 from ..scene.neighbours import GROUP
 from ..scene.scenes import Scene
+from ..scene.viewchoice import ALL_VIEWS
 from ..system.disk import HELD_BYTES, room
 from ..system.memory import available_bytes
-from .prepare import ALL_VIEWS
 
 BYTES_AT_ALL = 250_000_000
 """Memory that libraries and graphs take, whatever the photos."""

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..container.list import List
 from ..container.reader import read_container
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..modes.decoder import decode_file
+from ..network.ways import LEAST_EACH
 from ..render import Renderer
 from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
-from ..scene.scenes import Scene
+from ..scene.viewchoice import ALL_VIEWS
 from ..system.evenly import evenly
 from ..system.told import NOBODY, Told
-from .prepare import ALL_VIEWS
-from .stages import Tools
+from .compress import Encoded
+from .steps import Tools
 
 LOW_DB = 20.0
 """Renders that differ more than this from their own photos point to something wrong with what was given."""
@@ -35,39 +34,27 @@ OWN_VIEWS = 8
 """Photos of a capture that are looked at, spread over it."""
 
 
-@dataclass(frozen=True)
-class Look:
-    """How a file looks beside its own photos.
-
-    Attributes:
-        gaussians: how many it has.
-        psnr: dB, the mean over the photos that were looked at.
-    """
-
-    gaussians: int
-    psnr: float
-
-
-def compared(
-    data: bytes, scene: Scene, tools: Tools, model: str, told: Told = NOBODY, *, compiled: bool | None = False
-) -> Look:
+def compared(coded: Encoded, tools: Tools, model: str, told: Told = NOBODY) -> tuple[int, float]:
     """A file beside the photos that it was made of.
 
     Args:
-        data: the file.
-        scene: its photos.
+        coded: the file, and its photos.
         tools: to do it with.
         model: the network of files that hold photos.
         told: who is told how many photos are compared.
-        compiled: as `Renderer` has it; a few pictures alone are drawn sooner without.
+
+    Returns:
+        Its Gaussians, and dB, the mean over the photos that were looked at.
     """
-    count, is_list = len(scene.frames), isinstance(read_container(data, tools.limits).body, List)
+    count, has_views = len(coded.photos.frames), coded.kind.has_views
     chosen = looked_at(count)
-    file = read_container(data, tools.limits, views=None if is_list else chosen)
+    file = read_container(coded.data, tools.limits, views=chosen if has_views else None)
     found = decode_file(file, tools.store, threads=tools.threads, model=model)
-    seen = scene.views(chosen)
+    seen = coded.photos.views(chosen)
+    # compiled where judging and training have loaded that; a few pictures alone are drawn sooner without
+    compiled = None if count >= LEAST_EACH else False
     psnr = own_psnr(found, seen.cameras, seen.images(judged=True), tools.threads, told, compiled=compiled)
-    return Look(found.count if is_list else found.count // len(chosen) * count, psnr)
+    return found.count // len(chosen) * count if has_views else found.count, psnr
 
 
 def looked_at(count: int) -> list[int]:

@@ -22,16 +22,13 @@ from ..scene.neighbours import LEAST_BASELINE, Neighbours
 from ..scene.scenes import Frame, Scene
 from ..scene.spacing import Spacing
 from ..scene.turned import as_cameras_have_them
-from ..scene.viewchoice import SPACING, choose_views, needed_views, sharpness_of
+from ..scene.viewchoice import ALL_VIEWS, SPACING, choose_views, needed_views, sharpness_of
 from ..system.kinds import shown
 from ..system.printable import listed
 from ..system.told import NOBODY, Told
 from .doubts import OF_NO_RANGE, doubts
 from .request import EncodeRequest
 from .words import ALL, NO, AutoViews
-
-ALL_VIEWS = range(2, 7)
-"""Numbers of photos of which all are used when none are chosen."""
 
 RANGE_VIEWS = 24
 """Photos of a capture that are looked at for its depth range."""
@@ -44,10 +41,6 @@ SAME_PLACE = 1e-9
 
 WIDE = 200.0
 """Times near that far is, from which on a stated range is held against what photos agree about."""
-
-PHOTO_BYTES, BYTES_EXPONENT = 26_000, 0.69
-"""Bytes of a photo of 256×256 by default, and how they grow with its pixels that count; captures of 16 to 45 photos
-took 23,000 to 29,000."""
 
 SAID_CROP, MOST_CROP = 0.01, 1 / 3
 """Of a photo: a crop of more than the first is said, and one of more than the second refused, as width and height may
@@ -126,25 +119,31 @@ def _chosen_views(request: EncodeRequest, scene: Scene, told: Told) -> tuple[Sce
         raise InputError(f"{len(asked)} photo, expected two or more", where="views")
     if count < 2:
         raise InputError("one photo, expected two or more of the same place from different ones", where=str(scene.path))
-    if isinstance(asked, tuple):
-        return _matching(_with_range(_moving(_numbered(scene, asked)), told), told), "as asked"
-    _moving(scene)
-    if asked == ALL or (asked is None and count in ALL_VIEWS):
-        return _matching(_with_range(_once(scene, told), told), told), "all there are"
     wanted = asked.count if isinstance(asked, AutoViews) else None
-    if wanted is not None and (wanted in ALL_VIEWS or wanted > count):
-        near, far = _range_or_guess(scene)
-        seen = choose_views(scene.cameras, near, far, wanted)
-        numbers = (str(v if (own := scene.frames[v].number) is None else own) for v in seen)
-        told.say("notice", f"views {','.join(numbers)} of {count}, which see most; --views chooses others", scene.path)
-        return _with_range(scene.views(seen), told), "as asked"
-    scene = _once(scene, told)
-    scene = _matching(_with_range(scene, told), told)
-    near, far = scene.depth_range()
-    chosen = needed_views(scene.cameras, near, far, wanted, lambda i: sharpness_of(scene.frames[i].image()))
+    named = _numbered(scene, asked) if isinstance(asked, tuple) else None
+    _check_moving(named or scene)
+    if named is None and wanted is not None and (wanted in ALL_VIEWS or wanted > count):
+        named = _seeing_most(scene, wanted, told)
+    scene = _matching(_with_range(named or _once(scene, told), told), told)
+    if named is not None:
+        return scene, "as asked"
+    if asked == ALL or (asked is None and count in ALL_VIEWS):
+        return scene, "all there are"
+    needed = needed_views(
+        scene.cameras, *scene.depth_range(), wanted, lambda view: sharpness_of(scene.frames[view].image())
+    )
     within = f"{100 * SPACING:.0f} % of the depth and {math.degrees(SPACING):.0f}°"
     why = f"any left out lie within {within} of one of them"
-    return _matching(scene.views(chosen), NOBODY), "as asked" if wanted else why
+    return _matching(scene.views(needed), NOBODY), "as asked" if wanted else why
+
+
+def _seeing_most(scene: Scene, count: int, told: Told) -> Scene:
+    """So many photos that see most; says which."""
+    seen = choose_views(scene.cameras, *_range_or_guess(scene), count)
+    numbers = (str(v if (own := scene.frames[v].number) is None else own) for v in seen)
+    text = f"views {','.join(numbers)} of {len(scene.frames)}, which see most; --views chooses others"
+    told.say("notice", text, scene.path)
+    return scene.views(seen)
 
 
 def _numbered(scene: Scene, numbers: Sequence[int]) -> Scene:
@@ -155,17 +154,13 @@ def _numbered(scene: Scene, numbers: Sequence[int]) -> Scene:
     return scene.views(known.get(number, number) for number in numbers)
 
 
-def _moving(scene: Scene) -> Scene:
-    """The scene, whose cameras stand at more than one place.
-
-    Raises:
-        InputError: they do not.
-    """
+def _check_moving(scene: Scene) -> None:
+    """InputError unless cameras stand at more than one place."""
     centres = np.stack([camera.centre for camera in scene.cameras])
     extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
     depth = 2 / (1 / scene.near + 1 / scene.far) if scene.near and scene.far else 0.0
     if extent > max(LEAST_BASELINE * depth, SAME_PLACE * float(np.abs(centres).max())):
-        return scene
+        return
     fault = "the cameras only turn: photos from one place show no depth; take some from places beside each other"
     if extent > SAME_PLACE * float(np.abs(centres).max()):
         depths = f"depths from {scene.near:g} to {scene.far:g}, which do not show from there"
@@ -272,14 +267,6 @@ def _say_wide(scene: Scene, told: Told) -> None:
     except InputError:
         seen = "about none"
     told.say("notice", f"near {near:g} and far {far:g} span 1:{far / near:.4g}; photos agree {seen}", scene.path)
-
-
-def expected_bytes(scene: Scene) -> float:
-    """Of the file of photos as the network will have them, where they are coded by default."""
-    camera = scene.cameras[0]
-    known = (frame.known() for frame in scene.frames)
-    counted = (camera.width * camera.height * (1.0 if which is None else float(which.mean())) for which in known)
-    return sum(PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT for pixels in counted)
 
 
 def fitting_size(scene: Scene) -> tuple[int, int] | None:

@@ -11,8 +11,8 @@ from ..system.jsonfields import JsonObject
 from ..system.stopwatch import Stopwatch, peak_rss_bytes
 
 if TYPE_CHECKING:  # who decodes loads no encoder
-    from .encode import Encoded
-    from .stages import Tools
+    from .compress import Encoded
+    from .steps import Tools
 
 
 def file_report(described: JsonObject, watch: Stopwatch) -> JsonObject:

@@ -214,7 +214,7 @@ class EncodeRequest(Noted, Coding):
     mode: str | None = option(
         kinds.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
     )
-    """`modes` says what they are; None as `recipe.choice.chosen` has it."""
+    """`modes` says what they are; None as `recipe.kinds.chosen` has it."""
     fast: bool = option(
         kinds.flag,
         False,

@@ -25,6 +25,9 @@ from .frusta import points_seen, sees
 from .neighbours import COMMON, Neighbours, joined
 from .spacing import GOOD_ANGLES, MAX_ANGLE
 
+ALL_VIEWS = range(2, 7)
+"""Numbers of photos of which all are used when none are chosen."""
+
 MIN_ANGLE = 0.1
 """Degrees at which a pair is worth nothing, as at `MAX_ANGLE`."""
 

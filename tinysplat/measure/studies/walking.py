@@ -24,14 +24,13 @@ import numpy as np
 from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.list.training import FEW_PHOTOS
-from tinysplat_runtime.recipe.encode import LIST_QP
+from tinysplat_runtime.recipe.kinds import LIST, LIST_QP, TRAIN
 from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
-from tinysplat_runtime.recipe.stages import sparse
+from tinysplat_runtime.recipe.steps import Run as Recipe
 from tinysplat_runtime.render import Renderer, between
 from tinysplat_runtime.scene.neighbours import nearest_views
 from tinysplat_runtime.scene.scenes import Scene
-from tinysplat_runtime.system.told import NOBODY
 
 from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
@@ -98,7 +97,8 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         steps = [(STUDY, gaussians, cpu)]
         if has_steps and is_compared:
             steps.insert(0, (ALONE, *cpu_of(lambda: runtime.predict(given, model, joint=False))))
-            listed, more = cpu_of(lambda: sparse(gaussians, given, None, None, runtime, NOBODY))
+            start = Recipe(EncodeRequest(given), LIST, runtime, given, given, gaussians=gaussians)
+            listed, more = cpu_of(lambda: TRAIN.take(start).made)
             steps.insert(0, (LISTED, listed, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
