@@ -15,7 +15,7 @@ from scenes import make_smooth_gaussians, psnr
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.gaussian.editing import crop
-from tinysplat_runtime.page.build import Shown, player_page, scene_files, scene_page
+from tinysplat_runtime.page.build import PageContent, player_page, scene_files, scene_page
 from tinysplat_runtime.page.front import front_view
 
 LEAST_DB = 40.0
@@ -38,7 +38,7 @@ def coded(views: int, degree: int = 1, height: int = 48, width: int = 64) -> byt
 def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path, views: int, degree: int) -> None:
     data = coded(views, degree)
     gaussians = ts.decompress(data)
-    (tmp_path / "page.html").write_text(scene_page(data, Shown("a <b>")))
+    (tmp_path / "page.html").write_text(scene_page(data, PageContent("a <b>")))
     for view, times in ((0, 1), (1, 2)):
         camera = gaussians.cameras[view].resized(times * 48, times * 64)
         tab = browser.open(f"{(tmp_path / 'page.html').as_uri()}#bare&camera={view}", camera.width, camera.height)
@@ -49,7 +49,7 @@ def test_pictures_at_views_are_the_rasteriser_s(browser: Browser, tmp_path: Path
 
 def test_gaussians_of_no_pixels_are_seen_from_outside(browser: Browser, tmp_path: Path) -> None:
     data = ts.compress(replace(ts.decompress(coded(2, degree=2)).flat(), viewpoints=()), qp=-6)
-    (tmp_path / "page.html").write_text(scene_page(data, Shown("list")))
+    (tmp_path / "page.html").write_text(scene_page(data, PageContent("list")))
     tab = browser.open(f"{(tmp_path / 'page.html').as_uri()}#bare", 320, 240)
     tab.ready()
     assert picture(tab).max() > 0.2
@@ -58,7 +58,9 @@ def test_gaussians_of_no_pixels_are_seen_from_outside(browser: Browser, tmp_path
 
 
 def test_a_visitor_stays_near_the_views_and_comes_back(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "page.html").write_text(scene_page(coded(2), Shown("scene", photos={0: np.full((48, 64, 3), 0.5)})))
+    (tmp_path / "page.html").write_text(
+        scene_page(coded(2), PageContent("scene", photos={0: np.full((48, 64, 3), 0.5)}))
+    )
     tab = browser.open((tmp_path / "page.html").as_uri(), 390, 844)
     tab.ready()
     hidden = "['panel', 'back'].map((id) => document.getElementById(id).hidden)"
@@ -78,7 +80,7 @@ def test_a_visitor_stays_near_the_views_and_comes_back(browser: Browser, tmp_pat
 
 
 def test_a_visitor_goes_from_place_to_place(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "page.html").write_text(scene_page(coded(8, height=24, width=32), Shown("walk", first=5)))
+    (tmp_path / "page.html").write_text(scene_page(coded(8, height=24, width=32), PageContent("walk", first=5)))
     tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
     tab.ready()
     at = "[page.current, place.value, placeOf.textContent, before.disabled, after.disabled]"
@@ -110,7 +112,7 @@ def test_a_length_is_measured_between_two_clicks(browser: Browser, tmp_path: Pat
         scene = make_smooth_gaussians(2, 48, 64)
         data = ts.compress(scene, qp=-6, unit=unit)
         gaussians = ts.decompress(data)
-        (tmp_path / "page.html").write_text(scene_page(data, Shown("scene", first=0)))
+        (tmp_path / "page.html").write_text(scene_page(data, PageContent("scene", first=0)))
         tab = browser.open((tmp_path / "page.html").as_uri(), 640, 480)
         tab.ready()
         tab.evaluate("measure.click()")
@@ -138,7 +140,7 @@ def test_a_length_is_measured_between_two_clicks(browser: Browser, tmp_path: Pat
 def test_a_box_is_dragged_and_says_how_to_crop(browser: Browser, tmp_path: Path) -> None:
     data = coded(2)
     gaussians = ts.decompress(data)
-    (tmp_path / "page.html").write_text(scene_page(data, Shown("scene", first=0)))
+    (tmp_path / "page.html").write_text(scene_page(data, PageContent("scene", first=0)))
     for width, height in ((1280, 800), (390, 844)):
         tab = browser.open((tmp_path / "page.html").as_uri(), width, height)
         tab.ready()
@@ -188,7 +190,7 @@ def test_no_frame_on_the_way_to_other_places_has_holes(
     cameras = [replace(camera, c2w=camera.c2w + step.T) for camera, step in zip(scene.cameras, right, strict=True)]
     means = scene.means + np.float32(apart * np.arange(16)[:, None, None, None] * np.eye(3)[0])
     data = ts.compress(replace(scene, means=means, cameras=tuple(cameras)), qp=-6)
-    (tmp_path / "page.html").write_text(scene_page(data, Shown("walk")))
+    (tmp_path / "page.html").write_text(scene_page(data, PageContent("walk")))
     tab = browser.open((tmp_path / "page.html").as_uri(), 96, 72, moves=moves)
     tab.wait("globalThis.page && page.splats")
     tab.evaluate("page.swing(false), 0")  # a page that moves by itself is ready for a moment at a time
@@ -206,7 +208,7 @@ def test_no_frame_on_the_way_to_other_places_has_holes(
 
 
 def test_a_link_leads_to_the_same_view(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "page.html").write_text(scene_page(coded(3), Shown("scene")))
+    (tmp_path / "page.html").write_text(scene_page(coded(3), PageContent("scene")))
     tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
     tab.ready()
     assert "view" not in tab.evaluate("location.hash")
@@ -242,7 +244,7 @@ def test_what_moves_by_itself_is_linked_to_as_it_shows_and_compared_at_a_photo_s
     browser: Browser, tmp_path: Path
 ) -> None:
     photos = dict(enumerate(np.full((48, 64, 3), level) for level in (0.2, 0.5, 0.8)))
-    (tmp_path / "page.html").write_text(scene_page(coded(3), Shown("scene", photos=photos)))
+    (tmp_path / "page.html").write_text(scene_page(coded(3), PageContent("scene", photos=photos)))
     tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240, moves=True)
     moves = "(page.isSwinging || page.swing(true), page.nearest()[0] !== page.start)"  # slow machines end it
     tab.wait(f"globalThis.page && page.scene && !panel.hidden && {moves}")
@@ -258,7 +260,7 @@ def test_what_moves_by_itself_is_linked_to_as_it_shows_and_compared_at_a_photo_s
 
 
 def test_a_page_within_another_waits_for_a_tap(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "page.html").write_text(scene_page(coded(2), Shown("scene", poster=np.full((48, 64, 3), 0.5))))
+    (tmp_path / "page.html").write_text(scene_page(coded(2), PageContent("scene", poster=np.full((48, 64, 3), 0.5))))
     frame = '<iframe src="page.html#embed" style="width: 300px; height: 200px"></iframe>'
     (tmp_path / "article.html").write_text(f'<!doctype html><link rel="icon" href="data:,">{frame}')
     with served(tmp_path) as address:
@@ -284,9 +286,9 @@ class Strict(Folder):
 
 def test_strict_sites_show_a_folder_and_a_page_says_what_it_lacks(browser: Browser, tmp_path: Path) -> None:
     data, poster = coded(8, height=24, width=32), np.full((24, 32, 3), 0.5)
-    for name, content in scene_files(data, Shown("scene", photos={0: poster}, poster=poster)).items():
+    for name, content in scene_files(data, PageContent("scene", photos={0: poster}, poster=poster)).items():
         (tmp_path / name).write_bytes(content)
-    (tmp_path / "page.html").write_text(scene_page(data, Shown("scene")))
+    (tmp_path / "page.html").write_text(scene_page(data, PageContent("scene")))
     with served(tmp_path, Strict) as address:
         before = len(browser.messages)
         tab = browser.open(f"{address}/index.html#bare", 32, 24)
@@ -318,7 +320,7 @@ def test_of_a_cut_file_a_page_says_what_it_shows(browser: Browser, tmp_path: Pat
 
 
 def test_a_poster_is_shown_before_the_scene(browser: Browser, tmp_path: Path) -> None:
-    page = scene_page(coded(2), Shown("scene", poster=np.full((48, 64, 3), (0.9, 0.1, 0.1))))
+    page = scene_page(coded(2), PageContent("scene", poster=np.full((48, 64, 3), (0.9, 0.1, 0.1))))
     (tmp_path / "page.html").write_text(page)
     tab = browser.open((tmp_path / "page.html").as_uri(), 320, 240)
     tab.wait("document.getElementById('poster')?.naturalWidth > 0")
@@ -331,7 +333,7 @@ def test_a_poster_is_shown_before_the_scene(browser: Browser, tmp_path: Path) ->
 
 def test_switches_change_the_picture_and_back(browser: Browser, tmp_path: Path) -> None:
     photo = np.full((48, 64, 3), 0.5)
-    (tmp_path / "page.html").write_text(scene_page(coded(3), Shown("scene", photos={0: photo})))
+    (tmp_path / "page.html").write_text(scene_page(coded(3), PageContent("scene", photos={0: photo})))
     tab = browser.open((tmp_path / "page.html").as_uri(), 160, 120)
     tab.ready()
     tab.evaluate("page.camera.shift(0.2, 0.1, -0.6), page.move(), 0")  # from where the cameras are seen

@@ -17,7 +17,7 @@ from PIL import Image
 from scenes import make_cameras, make_gaussians, make_photo, psnr, write_scene
 
 import tinysplat_runtime as ts
-from tinysplat_runtime.page.build import Shown, player_page, scene_page
+from tinysplat_runtime.page.build import PageContent, player_page, scene_page
 
 
 class Elements(HTMLParser):
@@ -51,7 +51,7 @@ def file_of(elements: Elements) -> bytes:
 
 
 def test_the_page_loads_nothing_and_escapes_what_it_is_given() -> None:
-    page = scene_page(b"", Shown("a <b> </script><script>alert(1)</script>", photos={0: make_photo(8, 12)}))
+    page = scene_page(b"", PageContent("a <b> </script><script>alert(1)</script>", photos={0: make_photo(8, 12)}))
     elements = Elements(page)
     assert all(address.startswith("data:") for address in elements.addresses)
     assert elements.texts["title"].strip() == "a <b> </script><script>alert(1)</script>"
@@ -65,14 +65,14 @@ def test_the_policy_names_the_page_s_own_script_and_style() -> None:
         digest = base64.b64encode(hashlib.sha256(elements.texts[name].encode()).digest()).decode()
         assert f"{name}-src 'sha256-{digest}'" in elements.policy
     assert "default-src 'none'" in elements.policy and "unsafe" not in elements.policy
-    assert "connect-src blob:;" in Elements(scene_page(b"", Shown(""))).policy + ";"
+    assert "connect-src blob:;" in Elements(scene_page(b"", PageContent(""))).policy + ";"
 
 
 def test_the_page_carries_the_file_as_it_is_and_grows_by_little_more() -> None:
     lengths = []
     for size in range(4):  # what fills groups of base 85, and what does not
         data = np.random.default_rng(size).integers(0, 256, 20_000 * size + size).astype(np.uint8).tobytes()
-        page = scene_page(data, Shown(""))
+        page = scene_page(data, PageContent(""))
         assert file_of(Elements(page)) == data
         lengths.append(len(page))
     assert max(np.diff(lengths)) < 20_001 * 1.5
@@ -80,12 +80,12 @@ def test_the_page_carries_the_file_as_it_is_and_grows_by_little_more() -> None:
 
 def test_photos_and_cameras_are_in_the_page() -> None:
     photo, camera = make_photo(8, 12), make_cameras(1, 24, 32)[0]
-    scene = json.loads(Elements(scene_page(b"", Shown("", cameras=[camera], photos={1: photo}))).texts["scene"])
+    scene = json.loads(Elements(scene_page(b"", PageContent("", cameras=[camera], photos={1: photo}))).texts["scene"])
     kind, _, data = scene["photos"]["1"].partition(",")
     assert kind.startswith("data:image/") and list(scene["photos"]) == ["1"]
     assert psnr(np.array(Image.open(io.BytesIO(base64.b64decode(data)))) / 255, photo / 255) > 25
     assert "background" not in scene
-    on_white = json.loads(Elements(scene_page(b"", Shown("", background=(1.0, 1.0, 1.0)))).texts["scene"])
+    on_white = json.loads(Elements(scene_page(b"", PageContent("", background=(1.0, 1.0, 1.0)))).texts["scene"])
     assert on_white["background"] == [1, 1, 1]
     view = scene["cameras"][0]
     assert (view["width"], view["fx"], view["c2w"]) == (32, camera.K[0, 0], camera.c2w.reshape(-1).tolist())

@@ -17,7 +17,7 @@ from scenes import make_smooth_gaussians, psnr, tells
 
 import tinysplat_runtime as ts
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.page.build import Shown, scene_files, scene_page
+from tinysplat_runtime.page.build import PageContent, scene_files, scene_page
 from tinysplat_runtime.page.story import load_story
 
 MARKUP = "<img src=x onerror=alert(1)></script><b>"
@@ -81,7 +81,7 @@ def test_a_story_of_another_scene_is_refused(tmp_path: Path, data: bytes) -> Non
 
 
 def test_pages_without_a_story_have_nothing_of_it(data: bytes) -> None:
-    plain, told = (Shown("scene"), Shown("scene", story=STORY))
+    plain, told = (PageContent("scene"), PageContent("scene", story=STORY))
     assert len(scene_page(data, told)) - len(scene_page(data, plain)) > 3000
     assert "story" not in scene_page(data, plain).partition('id="code"')[0]
     assert {"story.js"} == set(scene_files(data, told)) - set(scene_files(data, plain))
@@ -97,7 +97,7 @@ def opened(browser: Browser, file: Path, width: int = 1280, height: int = 800, r
 def test_a_visitor_goes_through_a_story(
     browser: Browser, tmp_path: Path, data: bytes, width: int, height: int, ratio: float
 ) -> None:
-    (tmp_path / "p.html").write_text(scene_page(data, Shown("scene", story=STORY)))
+    (tmp_path / "p.html").write_text(scene_page(data, PageContent("scene", story=STORY)))
     tab = opened(browser, tmp_path / "p.html", width, height, ratio)
     bar = "document.querySelector('#story')"
     assert "All of it From the front." in tab.evaluate(f"{bar}.innerText")
@@ -113,7 +113,7 @@ def test_a_visitor_goes_through_a_story(
 
 
 def test_a_story_plays_by_itself_and_stops_at_a_touch(browser: Browser, tmp_path: Path, data: bytes) -> None:
-    (tmp_path / "p.html").write_text(scene_page(data, Shown("scene", story=STORY | {"seconds": 1})))
+    (tmp_path / "p.html").write_text(scene_page(data, PageContent("scene", story=STORY | {"seconds": 1})))
     tab = browser.open((tmp_path / "p.html").as_uri(), 640, 480, moves=True)
     title = "document.querySelector('#story strong')?.textContent"
     tab.wait(f"{title}?.startsWith('<img')")
@@ -127,7 +127,7 @@ def test_a_film_stops_at_the_views_that_a_page_showed(browser: Browser, tmp_path
     scene = make_smooth_gaussians(2, 48, 64)
     scene = replace(scene, cameras=tuple(replace(camera, K=scene.cameras[0].K) for camera in scene.cameras))
     (tmp_path / "g.tsplat").write_bytes(ts.compress(scene, qp=-6))
-    page = Shown("scene", background=(0, 0, 0))
+    page = PageContent("scene", background=(0, 0, 0))
     (tmp_path / "p.html").write_text(scene_page((tmp_path / "g.tsplat").read_bytes(), page))
     tab, seen, views = opened(browser, tmp_path / "p.html", 320, 240), [], []
     for across, zoom in ((60, 1), (-90, 1.5)):
@@ -153,7 +153,9 @@ def test_a_film_stops_at_the_views_that_a_page_showed(browser: Browser, tmp_path
 
 def test_a_story_is_made_on_the_page_and_saved_as_the_page(browser: Browser, tmp_path: Path, data: bytes) -> None:
     """What is saved opens again, with what was made, and `view --story` takes the file."""
-    (tmp_path / "p.html").write_text(scene_page(data, Shown("scene", story={"seconds": 0, "views": [], "notes": []})))
+    (tmp_path / "p.html").write_text(
+        scene_page(data, PageContent("scene", story={"seconds": 0, "views": [], "notes": []}))
+    )
     tab = opened(browser, tmp_path / "p.html", 640, 480)
     assert tab.evaluate("document.querySelector('#story').hidden")
     tab.evaluate("""{

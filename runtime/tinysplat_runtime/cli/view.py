@@ -23,7 +23,7 @@ from ..container.reader import read_container
 from ..errors import InputError, within
 from ..formats.table import load_gaussians
 from ..gaussian.gaussians import Gaussians
-from ..page.build import Shown, player_page, scene_files, scene_page
+from ..page.build import PageContent, player_page, scene_files, scene_page
 from ..page.front import front_of, front_view
 from ..page.story import load_story, story_of
 from ..render import render
@@ -99,7 +99,7 @@ class Content:
     """
 
     data: bytes
-    shown: Shown
+    shown: PageContent
 
     @classmethod
     def of(
@@ -134,7 +134,7 @@ class Content:
                 story.check_scene(gaussians.flat().means + gaussians.origin, front.centre)
         poster, title = _poster(gaussians, front, background), printable(Path(file).stem)
         told_by = None if story is None else story.document
-        return cls(data, Shown(title, cameras, photos, first, poster, background, told_by))
+        return cls(data, PageContent(title, cameras, photos, first, poster, background, told_by))
 
 
 def _poster(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float] | None) -> NDArray:

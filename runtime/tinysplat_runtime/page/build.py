@@ -64,7 +64,7 @@ SMALL = "small.json.gz"
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PageContent:
     """What a page shows beside its file.
 
     Attributes:
@@ -86,19 +86,19 @@ class Shown:
     story: JsonObject | None = None
 
 
-def scene_page(data: bytes, shown: Shown) -> str:
+def scene_page(data: bytes, content: PageContent) -> str:
     """The page of one file, which loads nothing from anywhere.
 
     Args:
         data: a .tsplat file of a mode that needs no network, as it is.
-        shown: beside it.
+        content: what it shows beside it.
     """
-    scene = _scene(shown, {i: _picture(photo) for i, photo in shown.photos.items()}, None)
-    poster = None if shown.poster is None else _picture(shown.poster)
-    return _page(shown.title, scene, _base85(data), sources="blob:", poster=poster)
+    scene = _scene(content, {i: _picture(photo) for i, photo in content.photos.items()}, None)
+    poster = None if content.poster is None else _picture(content.poster)
+    return _page(content.title, scene, _base85(data), sources="blob:", poster=poster)
 
 
-def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
+def scene_files(data: bytes, content: PageContent) -> dict[str, bytes]:
     """As `scene_page`, as files of a folder for a web server, by name: for sites whose Content-Security-Policy allows
     scripts, styles and pictures of their own alone.
     """
@@ -111,21 +111,21 @@ def scene_files(data: bytes, shown: Shown) -> dict[str, bytes]:
         "style.css": _text("style.css").encode(),
         _ICON: _text(_ICON).encode(),
     }
-    if shown.story is not None:
+    if content.story is not None:
         files["story.js"] = story_script.encode()
         files["start.js"] = _START_STORY.encode()
         files["style.css"] += _text(STORY_STYLE).encode()
-    pictures = {f"photo{i}.jpg": jpeg_bytes(photo, JPEG_QUANTISER) for i, photo in shown.photos.items()}
-    if shown.poster is not None:
-        pictures["poster.jpg"] = jpeg_bytes(shown.poster, JPEG_QUANTISER)
+    pictures = {f"photo{i}.jpg": jpeg_bytes(photo, JPEG_QUANTISER) for i, photo in content.photos.items()}
+    if content.poster is not None:
+        pictures["poster.jpg"] = jpeg_bytes(content.poster, JPEG_QUANTISER)
     page = _filled(
-        shown.title,
-        _scene(shown, {i: f"photo{i}.jpg" for i in shown.photos}, SCENE),
+        content.title,
+        _scene(content, {i: f"photo{i}.jpg" for i in content.photos}, SCENE),
         policy=FILES_POLICY,
         style='<link rel="stylesheet" href="style.css">',
         code='<script type="module" src="start.js"></script>',
         icon=_ICON,
-        poster=None if shown.poster is None else "poster.jpg",
+        poster=None if content.poster is None else "poster.jpg",
     )
     return {"index.html": page.encode()} | files | pictures
 
@@ -156,11 +156,11 @@ def scripts_digest(texts: Sequence[str]) -> str:
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()
 
 
-def _scene(shown: Shown, photos: Mapping[int, str], source: str | None) -> dict[str, object]:
+def _scene(content: PageContent, photos: Mapping[int, str], source: str | None) -> dict[str, object]:
     """What the page's script is told; photos by their addresses."""
-    own = [_camera(camera) for camera in shown.cameras]
-    said = {"cameras": own, "isPlayer": False, "first": shown.first, "photos": dict(photos), "source": source}
-    more = {"background": shown.background, "story": shown.story}
+    own = [_camera(camera) for camera in content.cameras]
+    said = {"cameras": own, "isPlayer": False, "first": content.first, "photos": dict(photos), "source": source}
+    more = {"background": content.background, "story": content.story}
     return said | {name: value for name, value in more.items() if value is not None}
 
 
