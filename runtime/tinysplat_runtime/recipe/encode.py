@@ -123,7 +123,7 @@ def _agreeing(run: Run) -> Run:
         out = strangers(run.made, run.seen, run.tools.threads, run.told)
     if not out:
         return run
-    names = printable.listed([name_of(run.seen.frames[view]) for view in out])
+    names = printable.enumerated([name_of(run.seen.frames[view]) for view in out])
     run.told.say("doubt", f"left out {names}: the other photos contradict what it shows", run.photos.path)
     left = [view for view in range(run.count) if view not in out]
     return replace(run, photos=run.photos.views(left), seen=run.seen.views(left), left=left, looks=run.looks - 1)

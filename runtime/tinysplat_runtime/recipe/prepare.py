@@ -24,7 +24,7 @@ from ..scene.spacing import Spacing
 from ..scene.turned import as_cameras_have_them
 from ..scene.viewchoice import ALL_VIEWS, SPACING, choose_views, needed_views, sharpness_of
 from ..system.kinds import shown
-from ..system.printable import listed
+from ..system.printable import enumerated
 from ..system.told import NOBODY, Told
 from .doubts import OF_NO_RANGE, doubts
 from .request import EncodeRequest
@@ -177,7 +177,7 @@ def _once(scene: Scene, told: Told) -> Scene:
     kept = sorted(first.values())
     if len(kept) < len(scene.frames):
         again = [frame.path.name for v, frame in enumerate(scene.frames) if v not in set(kept)]
-        told.say("notice", f"left out {listed(again)}: taken from the same place as another", scene.path)
+        told.say("notice", f"left out {enumerated(again)}: taken from the same place as another", scene.path)
     return scene.views(kept)
 
 
@@ -198,7 +198,7 @@ def _matching(scene: Scene, told: Told) -> Scene:
         raise InputError(f"{fault}, nor those that have nothing in common", where=str(scene.path))
     if alone:
         told.say(
-            "notice", f"left out {listed(alone)}: nothing in common with other photos from other places", scene.path
+            "notice", f"left out {enumerated(alone)}: nothing in common with other photos from other places", scene.path
         )
         scene = scene.views(kept)
     parts = sorted((len(part) for part in neighbours.parts() if len(part) > 1), reverse=True)
@@ -319,7 +319,7 @@ def _masked(request: EncodeRequest, scene: Scene, told: Told) -> Scene:
         fault = f"masks leave nothing of {len(nothing)} of {len(scene.frames)} photos"
         raise InputError(f"{fault}: black is left out, white is kept; --no-masks ignores them", where=str(scene.path))
     if nothing:
-        names = listed([name_of(scene.frames[v]) for v in nothing])
+        names = enumerated([name_of(scene.frames[v]) for v in nothing])
         told.say("notice", f"left out {names}: their masks leave nothing of them", scene.path)
     for meaning, words in ((MOVING, "what moves"), (BACKGROUND, "background, where nothing is")):
         shares = [out[v] for v in kept if v in out and scene.frames[v].is_on_background == (meaning == BACKGROUND)]

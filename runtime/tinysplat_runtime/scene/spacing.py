@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.printable import listed
+from ..system.printable import enumerated
 from .cameras import Camera
 from .frusta import points_seen, sees
 from .neighbours import COMMON, view_places
@@ -72,7 +72,7 @@ class Spacing:
         good = f"{GOOD_ANGLES[0]:.0f}° to {GOOD_ANGLES[1]:.0f}° is good"
         if not self.alone or len(names) == 2:
             return f"{gap}; {good}"
-        alone = listed([names[v] for v in self.alone])
+        alone = enumerated([names[v] for v in self.alone])
         return f"{gap}; {good}; more than {MAX_ANGLE:.0f}° from any other: {alone}"
 
 

@@ -26,7 +26,7 @@ def type_of(value: object) -> str:
     return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
 
 
-def listed(names: Sequence[str], most: int = 3) -> str:
+def enumerated(names: Sequence[str], most: int = 3) -> str:
     """The first names of a list, and how many more there are."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 

@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 
 from ...errors import warn
-from ...system.printable import listed
+from ...system.printable import enumerated
 from ..images import is_transparent
 from ..masks import Mask
 from ..scenes import Scene
@@ -30,7 +30,7 @@ def with_masks(scene: Scene) -> Scene:
     """A scene whose frames have the masks that are there; those that fit no photo, and photos without, are said."""
     named = [frame.mask if frame.mask and is_there(frame.mask.path) else None for frame in scene.frames]
     if gone := [frame.mask.path.name for frame in scene.frames if frame.mask and not is_there(frame.mask.path)]:
-        warn(f"{scene.path}: {len(gone)} masks that its mask_path names are not there ({listed(gone)})")
+        warn(f"{scene.path}: {len(gone)} masks that its mask_path names are not there ({enumerated(gone)})")
     masks = masks_of([frame.path for frame in scene.frames], scene.path, named)
     pairs = zip(scene.frames, masks, strict=True)
     return replace(
@@ -67,7 +67,7 @@ def masks_of(photos: Sequence[Path], root: Path, named: Sequence[Mask | None] = 
         warn(f"{root}: {said}; masks/NAME.png, NAME_mask.png or NAME.jpg.mask.png are")
     bare = [photo.name for photo, mask in zip(photos, masks, strict=True) if mask is None]
     if given and bare:
-        warn(f"{root}: {len(bare)} of {len(masks)} photos have no mask and count as they are ({listed(bare)})")
+        warn(f"{root}: {len(bare)} of {len(masks)} photos have no mask and count as they are ({enumerated(bare)})")
     return masks
 
 
@@ -86,7 +86,7 @@ def _like_masks(folder: Path) -> list[Path]:
 
 
 def _names(paths: Sequence[Path]) -> str:
-    return listed([path.name for path in paths])
+    return enumerated([path.name for path in paths])
 
 
 def _mask_of(photo: Path, root: Path, folders: dict[Path, None]) -> Mask | None:

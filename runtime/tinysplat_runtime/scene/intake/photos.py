@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from ...errors import warn
-from ...system.printable import listed
+from ...system.printable import enumerated
 from ..images import PHOTO_SUFFIXES, image_size
 from ..lenses import Lens
 from ..scenes import Frame
@@ -153,7 +153,7 @@ def _there(photos: Sequence[Path], where: str) -> list[int]:
     if len(missing) == len(photos):
         return [*range(len(photos))]
     if missing:
-        names = listed([photos[i].name for i in missing])
+        names = enumerated([photos[i].name for i in missing])
         warn(f"{where}: {len(missing)} of {len(photos)} photos are not there and left out ({names})")
     kept = sorted({*range(len(photos))}.difference(missing))
     used = {photos[i] for i in kept}
