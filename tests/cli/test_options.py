@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import SUPPRESS, ArgumentParser
+from argparse import ArgumentParser
 from dataclasses import dataclass
 
 import pytest
 
 from tinysplat_runtime.cli.options import add_options, asked
-from tinysplat_runtime.cli.parser import build_parser, join_commands
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.system import kinds
 from tinysplat_runtime.system.options import REQUIRED, Options, option
@@ -50,16 +49,3 @@ def test_what_is_wrong_is_named_by_its_word(words: list[str], said: str) -> None
 def test_what_is_required_is_asked_for_by_python_too() -> None:
     with pytest.raises(TypeError, match="place"):
         Picnic(guests=["ann"])
-
-
-def test_parsers_state_no_defaults() -> None:
-    """Those of options stand in their classes, for all commands that are installed."""
-    _, commands = build_parser()
-    join_commands(commands, ["--help"])
-    stated = {
-        (name, action.dest)
-        for name, command in commands.choices.items()
-        for action in command._actions
-        if action.default not in (None, False, SUPPRESS)
-    }
-    assert not stated and {"encode", "poses"} <= commands.choices.keys()
