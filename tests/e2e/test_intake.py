@@ -52,13 +52,13 @@ def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(tmp_path: Path)
 
 
 def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
-    photos = tmp_path / "photos"
+    photos = tmp_path / "room/images"
     cameras = write_photos_of_walls(photos, views=5)
     write_png(photos / "wall.png", np.full((HEIGHT, WIDTH, 3), 200, np.uint8))
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[: HEIGHT // 4] = 0
     write_png(photos / "1.mask.png", mask)
-    done = tinysplat("poses", photos, "-o", tmp_path / "scene")
+    done = tinysplat("poses", tmp_path / "room", "-o", tmp_path / "scene")
     assert done.returncode == 0, done.stderr
     assert "wall.png" in done.stderr and "5 of 6 photos have no mask" in done.stderr
     scene = load_scene(tmp_path / "scene")

@@ -53,6 +53,12 @@ def taken_as_photos(request: PosesRequest, found: Sequence[str], photos: Path, t
     return Taken(names, masks, placement)
 
 
+def photos_at(path: Path) -> Path:
+    """A folder's `images/`, where photos are only there, as many programs keep them; else the path as it is."""
+    inside = path / "images"
+    return inside if inside.is_dir() and own_photos(inside) and not own_photos(path) else path
+
+
 def photo_names(folder: Path) -> list[str]:
     """Names of the photos in a folder; says which cannot be read here, and where photos are if it has none."""
     if not folder.is_dir():

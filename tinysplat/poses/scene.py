@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from .faces import is_panorama, taken_as_faces
 from .folder import write_folder
 from .level import upright
 from .model import coloured_points, placed_photos
-from .photos import photo_names, taken_as_photos
+from .photos import photo_names, photos_at, taken_as_photos
 from .placing import Taken
 from .remarks import remarks
 from .request import PosesRequest
@@ -58,7 +59,8 @@ def posed(request: PosesRequest, output: Path, told: Told = NOBODY) -> Posed:
     Raises:
         InputError: photos that cannot be read, that are too few, or of which too few could be placed.
     """
-    source = Path(request.photos)
+    source = photos_at(Path(request.photos))
+    request = replace(request, photos=source)
     is_video = source.suffix.lower() in VIDEOS and not source.is_dir()
     if request.frames is not None and not is_video:
         raise InputError(f"given with {source}, expected a video ({', '.join(VIDEOS)})", where="frames")
