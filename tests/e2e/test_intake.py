@@ -52,6 +52,7 @@ def test_a_stereo_pair_is_encoded_with_focal_length_and_baseline(tmp_path: Path)
 
 
 def test_photos_without_cameras_become_a_scene(tmp_path: Path) -> None:
+    (tmp_path / "room").mkdir()
     photos = tmp_path / "room/images"
     cameras = write_photos_of_walls(photos, views=5)
     write_png(photos / "wall.png", np.full((HEIGHT, WIDTH, 3), 200, np.uint8))
