@@ -94,7 +94,8 @@ class Budget:
         size: bytes of the file that they are to be coded in, which fewer may fit better than coarser ones.
         steps: of so many photos. The same number gives the same result on any number of threads, unless seconds end
             them.
-        seconds: fewer steps are planned as soon as it shows that they do not suffice.
+        seconds: fewer steps are planned as soon as it shows that they do not suffice; those in which kernels compile
+            do not count.
 
     Raises:
         InputError: one of them is out of range.

@@ -11,7 +11,6 @@ Needs numba (`tinysplat[fast]`).
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -25,6 +24,7 @@ from ...render.gradient import Target
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...scene.viewpoints import viewpoint_of
+from ...system.progress import running
 from ...system.threads import Crew, available_cores
 from ...system.told import NOBODY, Told
 from ..pruning.kernels import COST
@@ -118,7 +118,7 @@ def trained(
         found = f"{len(capture.cameras)} views and {len(targets)} photos, expected per-pixel Gaussians of two or more"
         raise InputError(f"{found} and as many photos", where="capture")
     budget = budget or Budget()
-    begun, stats, settings = time.perf_counter(), TrainStats() if stats is None else stats, settings or Settings()
+    begun, stats, settings = running(), TrainStats() if stats is None else stats, settings or Settings()
     training = _Training(capture, targets, budget, threads, settings, stats)
     told.say("notice", stats.plan)
     clock = _Clock(budget.steps or training.usual_steps, budget.seconds or DEFAULT_SECONDS, begun)
@@ -130,7 +130,9 @@ def trained(
 
 @dataclass
 class _Clock:
-    """Steps, and seconds from now on that bound them."""
+    """Steps, and seconds from now on that bound them, without those in which kernels compile: a first run is to make
+    what a second makes.
+    """
 
     steps: int
     seconds: float
@@ -138,7 +140,7 @@ class _Clock:
 
     def left(self, done: int) -> int:
         """How many steps there will have been, if seconds go on passing as they did."""
-        taken = time.perf_counter() - self.begun
+        taken = running() - self.begun
         return done if taken >= self.seconds else min(self.steps, math.ceil(done * self.seconds / taken))
 
 
