@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.kernels_compile import Number, compiled
+from ..system.kernels_compile import Number, compiled, within
 
 
 class Search(NamedTuple):
@@ -95,7 +95,7 @@ class Compared(NamedTuple):
     b: NDArray
 
 
-@compiled
+@within
 def _parallax(A: NDArray, b: NDArray, x: Number, y: Number, w: Number) -> Number:
     """Pixels that a point at (x, y) of inverse depth w moves in sources per inverse depth, the mean."""
     sum_, count = _ZERO, _ZERO
@@ -111,7 +111,7 @@ def _parallax(A: NDArray, b: NDArray, x: Number, y: Number, w: Number) -> Number
     return sum_ / max(count, _ONE) + _LEAST_PARALLAX
 
 
-@compiled
+@within
 def _unlike(colours: NDArray, here: Number, there: Number) -> Number:
     """Σ |difference| of two pixels' colours."""
     own, other = here * 3, there * 3
@@ -119,7 +119,7 @@ def _unlike(colours: NDArray, here: Number, there: Number) -> Number:
     return apart + abs(colours[own + 2] - colours[other + 2])
 
 
-@compiled
+@within
 def _window(grey: NDArray, colours: NDArray, x: int, y: int, width: int, height: int, window: NDArray) -> Number:
     """Weights of the window about a pixel, and weights times grey, into window (2, taps); their total, mean grey and
     its variance.
@@ -140,7 +140,7 @@ def _window(grey: NDArray, colours: NDArray, x: int, y: int, width: int, height:
     return total, mean, max(squares / total - mean * mean, _ZERO)
 
 
-@compiled
+@within
 def _colours_apart(
     colours: NDArray, at: tuple[Number, Number], size: tuple[int, int], own: tuple[Number, Number, Number]
 ) -> Number:
@@ -159,7 +159,7 @@ def _colours_apart(
     return apart
 
 
-@compiled
+@within
 def _source_cost(
     photos: Compared,
     source: int,
@@ -230,7 +230,7 @@ def _source_cost(
     return cost + _AGREE * min(moved, _AGREE_PX)
 
 
-@compiled
+@within
 def _jumps_cost(
     planes: NDArray, colours: NDArray, plane: tuple[Number, Number, Number], x: int, y: int, px: Number
 ) -> Number:
@@ -249,7 +249,7 @@ def _jumps_cost(
     return cost
 
 
-@compiled
+@within
 def _tried(
     number: int, planes: NDArray, candidates: NDArray, best: tuple[Number, Number, Number], x: int, y: int, px: Number
 ) -> tuple[Number, Number, Number]:
@@ -272,7 +272,7 @@ def _tried(
     return best[0] + _F((1 - 2 * (step % 2)) * (1 + step // 2)) / px, best[1], best[2]
 
 
-@compiled
+@within
 def _sorted_in(costs: NDArray, count: int, cost: Number) -> int:
     """Put a cost among so many, in rising order; how many there are then."""
     place = count
@@ -283,7 +283,7 @@ def _sorted_in(costs: NDArray, count: int, cost: Number) -> int:
     return count + 1
 
 
-@compiled
+@within
 def _mean_of_better(costs: NDArray, count: int) -> Number:
     """What a plane costs in the better of the sources that see it, by so many costs in rising order."""
     if not count:
@@ -371,7 +371,7 @@ def put(inverse: NDArray, to_photo: NDArray, shift: NDArray, out: NDArray) -> No
                 out[row, column] = max(out[row, column], _F(1.0 / z))
 
 
-@compiled
+@within
 def _middle(values: NDArray) -> Number:
     """The median of an odd number of values, whose order changes (Hoare's quickselect)."""
     low, high, middle = 0, len(values) - 1, len(values) // 2

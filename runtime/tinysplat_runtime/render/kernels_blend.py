@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.kernels_compile import Number, compiled
+from ..system.kernels_compile import Number, compiled, within
 from ..system.kernels_lanes import LANES, halves, least, load, most, ramp, store, where
 from .composite import ALPHA_MAX, TRANSMITTANCE_MIN
 from .kernels_list import TILE_HEIGHT, TILE_WIDTH, Listed, sort_by_depth
@@ -99,7 +99,7 @@ def composite_tile(listed: Listed, extent: Extent, work: Scratch, picture: Pictu
                 picture.depth[row, column] = state[at + 4 * _STRIDE]
 
 
-@compiled
+@within
 def blend_tile(listed: Listed, extent: Extent, work: Scratch, has_front: bool) -> tuple[NDArray, Number]:
     """Blend a tile's splats in its state.
 
@@ -128,7 +128,7 @@ def blend_tile(listed: Listed, extent: Extent, work: Scratch, has_front: bool) -
     return keys, count
 
 
-@compiled
+@within
 def _put_together(state: NDArray, extent: Extent) -> None:
     """Put the picture in front before that of everything."""
     for line in range(extent.rows):
@@ -140,7 +140,7 @@ def _put_together(state: NDArray, extent: Extent) -> None:
                 state[at + plane] = state[at + plane + _FRONT] + through * state[at + plane]
 
 
-@compiled
+@within
 def _clear(state: NDArray, extent: Extent) -> None:
     """A tile that nothing is drawn in."""
     state[:] = 0
@@ -149,7 +149,7 @@ def _clear(state: NDArray, extent: Extent) -> None:
             state[start : start + extent.columns] = 1
 
 
-@compiled
+@within
 def bring_near(listed: Listed, keys: NDArray, near: NDArray) -> None:
     """Copy the records (n, 16) float32 that are blended next to `near`."""
     records, rows = listed.records, listed.rows
@@ -159,7 +159,7 @@ def bring_near(listed: Listed, keys: NDArray, near: NDArray) -> None:
             near[_I(entry), _I(column)] = records[row, _I(column)]
 
 
-@compiled
+@within
 def is_open(state: NDArray) -> bool:
     """Whether any pixel of a tile, `state` (STATE,) float32, still lets something through."""
     for row in range(TILE_HEIGHT):
@@ -169,7 +169,7 @@ def is_open(state: NDArray) -> bool:
     return False
 
 
-@compiled
+@within
 def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) -> None:
     """Blend one splat, a record (16,) float32, into a tile (STATE,), and its share into the picture in front."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
@@ -189,7 +189,7 @@ def blend_splat(splat: NDArray, extent: Extent, state: NDArray, in_front: bool) 
                 _blend_pixels(state, at + _FRONT, alpha * splat[LAST], colour)
 
 
-@compiled
+@within
 def box(splat: NDArray, extent: Extent) -> tuple[Number, Number, Number, Number]:
     """First and last column of a tile that a splat (16,) float32 may reach, and first and last row of the picture."""
     return (
@@ -200,7 +200,7 @@ def box(splat: NDArray, extent: Extent) -> tuple[Number, Number, Number, Number]
     )
 
 
-@compiled
+@within
 def columns_in(splat: NDArray, extent: Extent, dy: Number) -> tuple[Number, Number]:
     """First and last column of a tile that a wide splat, with `REACH`, may reach in a row `dy` below its middle: the
     ends of its chord, and a little around it.
@@ -215,7 +215,7 @@ def columns_in(splat: NDArray, extent: Extent, dy: Number) -> tuple[Number, Numb
     return int(max(first, _ZERO)), int(min(last, _F(extent.columns - 1)))
 
 
-@compiled
+@within
 def alphas(u: Number, exponent: Number) -> Number:
     """Alphas of a splat, before they are cut, where its exponent in the middle of the row is so large and `u` away.
 
@@ -233,13 +233,13 @@ def alphas(u: Number, exponent: Number) -> Number:
     return (p * r * r + r + _F(1)) * power
 
 
-@compiled
+@within
 def cut(full: Number) -> Number:
     """Alphas as they are blended."""
     return where(full >= _ALPHA_MIN, least(full, _ALPHA_MAX), _ZERO)
 
 
-@compiled
+@within
 def blend(before: Number, alpha: Number) -> tuple[Number, Number]:
     """The rule of blending: an alpha's weight in a pixel, and the transmittance that it leaves of `before`.
 
@@ -254,7 +254,7 @@ def blend(before: Number, alpha: Number) -> tuple[Number, Number]:
 Colour = tuple[Number, Number, Number, Number]  # and depth
 
 
-@compiled
+@within
 def _blend_pixels(pixels: NDArray, at: Number, alpha: Number, colour: Colour) -> None:
     """Blend alphas into the eight pixels whose planes begin at `at`."""
     red, green, blue, depth = colour

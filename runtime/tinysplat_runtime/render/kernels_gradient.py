@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.kernels_compile import Number, compiled
+from ..system.kernels_compile import Number, compiled, within
 from ..system.kernels_lanes import LANES, lanes, load, most, ramp, store, total, where
 from .composite import ALPHA_MAX
 from .kernels_blend import (
@@ -92,7 +92,7 @@ def measure_tile(listed: Listed, extent: Extent, work: Scratch, sought: Sought, 
     if not _is_known(sought.photo, extent):
         sums[:] = 0
         return
-    keys, count = blend_tile(listed, extent, work, False)
+    keys, count = blend_tile(listed, extent, work, np.bool_(False))
     _compare(work.state, sought, extent, sums)
     if pairs.size:
         _walk_again(listed, keys[:count], extent, work, pairs)
@@ -109,7 +109,7 @@ def differentiate_tile(listed: Listed, extent: Extent, work: Scratch, slopes: ND
     """
     for key in listed.keys:
         pairs[key & _I(0xFFFFFFFF)] = 0
-    keys, count = blend_tile(listed, extent, work, False)
+    keys, count = blend_tile(listed, extent, work, np.bool_(False))
     state = work.state
     for line in range(extent.rows):
         for lane in range(extent.columns):
@@ -123,7 +123,7 @@ def differentiate_tile(listed: Listed, extent: Extent, work: Scratch, slopes: ND
     _walk_again(listed, keys[:count], extent, work, pairs)
 
 
-@compiled
+@within
 def _walk_again(listed: Listed, keys: NDArray, extent: Extent, work: Scratch, pairs: NDArray) -> None:
     """Walk what was blended of a tile's list for its sums, where a pixel's state is full transmittance, the gradient by
     its colour, and what lies behind the first splat.
@@ -136,7 +136,7 @@ def _walk_again(listed: Listed, keys: NDArray, extent: Extent, work: Scratch, pa
             _walk(near[entry], extent, state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 
 
-@compiled
+@within
 def _is_known(photo: NDArray, extent: Extent) -> bool:
     """Whether a photo knows any pixel of a tile."""
     for line in range(extent.rows):
@@ -146,7 +146,7 @@ def _is_known(photo: NDArray, extent: Extent) -> bool:
     return False
 
 
-@compiled
+@within
 def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> None:
     """Sum a tile's errors, and turn its state into that of the second walk: full transmittance, the error's gradient by
     colour, and what lies behind the first splat.
@@ -180,7 +180,7 @@ def _compare(state: NDArray, sought: Sought, extent: Extent, sums: NDArray) -> N
     sums[0], sums[1] = squared, known
 
 
-@compiled
+@within
 def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArray) -> None:
     """What the gradient of SSIM of a tile's blocks consists of.
 
@@ -222,7 +222,7 @@ def _compare_blocks(state: NDArray, sought: Sought, extent: Extent, terms: NDArr
                 block[1], block[2] = _F(by_seen), _F(by_wanted)
 
 
-@compiled
+@within
 def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
     """Write the sums of a splat over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]
@@ -260,7 +260,7 @@ def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
 Colour = tuple[Number, Number, Number]
 
 
-@compiled
+@within
 def _pass_by(state: NDArray, at: Number, alpha: Number, colour: Colour) -> tuple[Number, Number, Number, Number]:
     """Take eight alphas from what their pixels let through: the gradient by their exponents, and weight by colour's
     gradient.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.kernels_compile import Number, compiled
+from ..system.kernels_compile import Number, compiled, within
 from .kernels_project import BOTTOM, DEPTH, LEFT, RIGHT, TOP
 
 TILE_WIDTH, TILE_HEIGHT = 128, 32
@@ -85,13 +85,13 @@ def list_visible(records: NDArray, first: Number, columns: Number, found: Visibl
     return shown
 
 
-@compiled
+@within
 def rows_of(reached: NDArray, tiles: Tiles) -> tuple[Number, Number]:
     """First row in which a splat, `reached` (4,) int its box, has some of `tiles`, and the one behind the last."""
     return max(reached[2], tiles.first // tiles.columns), min(reached[3], (tiles.stop - 1) // tiles.columns) + 1
 
 
-@compiled
+@within
 def tiles_of(reached: NDArray, tiles: Tiles, row: Number) -> tuple[Number, Number]:
     """As `rows_of` within a row: number of the first tile, and of the one behind the last."""
     start = row * tiles.columns
@@ -121,7 +121,7 @@ def list_by_tile(records: NDArray, seen: Visible, tiles: Tiles, ends: NDArray, k
                 ends[tile - tiles.first] += 1
 
 
-@compiled
+@within
 def sort_by_depth(keys: NDArray, scratch: NDArray, histogram: NDArray) -> NDArray:
     """Sort (m,) uint64 by the upper 32 bits, ties in order: a radix sort of as few passes as the range needs."""
     low, high = keys[0] >> _I(32), keys[0] >> _I(32)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.sh import C0, band_1, band_2, band_3, band_4
-from ..system.kernels_compile import Number, compiled
+from ..system.kernels_compile import Number, compiled, within
 from .prepare import ALPHA_MIN
 from .project import DILATION, LEAST_OWN_PIXEL, LEAST_VARIANCE, LIMIT, MARGIN_PX, WIDE_PX
 
@@ -67,7 +67,7 @@ class ViewNumbers(NamedTuple):
 CHORD_PX = 16
 """Footprints at least this wide are cut to their chord in every row; narrower ones save nothing by it."""
 
-_BAND_1, _BAND_2, _BAND_3, _BAND_4 = (compiled(band) for band in (band_1, band_2, band_3, band_4))
+_BAND_1, _BAND_2, _BAND_3, _BAND_4 = (within(band) for band in (band_1, band_2, band_3, band_4))
 
 _F, _I = np.float32, np.uint64
 _HALF, _ONE, _TWO, _FOUR, _LIMIT, _WIDE = _F(0.5), _F(1), _F(2), _F(4), _F(LIMIT), _F(WIDE_PX)
@@ -123,7 +123,7 @@ def project(
     return count, wide
 
 
-@compiled
+@within
 def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) -> None:
     """Pixel, factors of the exponent, extents and depth (−1 before the near plane), and the square of the share of its
     opacity that is left; see `project.py`."""
@@ -168,7 +168,7 @@ def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
         work[i + P[_SIZE]], work[i + P[_SIZE + 1]] = math.sqrt(_TWO * a), math.sqrt(_TWO * c)
 
 
-@compiled
+@within
 def _fade(geometry: NDArray, start: Number, work: NDArray) -> None:
     """Opacities, from the shares of their squares that `_shapes` leaves in their place; no vector has a logarithm."""
     for lane in range(CHUNK):
@@ -177,14 +177,14 @@ def _fade(geometry: NDArray, start: Number, work: NDArray) -> None:
         work[i + P[LOG_OPACITY]] = log_opacity + _HALF * math.log(share) if share < _ONE else log_opacity
 
 
-@compiled
+@within
 def clipped(value: Number, low: Number, high: Number) -> Number:
     """A number within limits; NaN is the lower limit. Two choices, as a vector instruction makes them."""
     value = value if value > low else low  # noqa: FURB136  # NaN becomes low, which max() does not promise
     return value if value < high else high  # noqa: FURB136
 
 
-@compiled
+@within
 def _bounds(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) -> tuple[Number, Number]:
     """Columns and rows of pixels that footprints may reach; counts of those that show and of those too wide."""
     width, height = _F(view.width), _F(view.height)
@@ -211,7 +211,7 @@ def _bounds(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
     return shown, wide
 
 
-@compiled
+@within
 def _directions(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) -> None:
     """Unit vectors from the camera centre to the means."""
     ox, oy, oz = view.offset
@@ -224,7 +224,7 @@ def _directions(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArr
         work[i + P[_SIZE + 4]] = _F(z * norm)
 
 
-@compiled
+@within
 def _colours(sh: NDArray, work: NDArray) -> None:
     """clamp(0.5 + Σ_b Y_b(d)·sh_b, 0)."""
     functions = sh.size // (3 * CHUNK)
@@ -247,7 +247,7 @@ def _colours(sh: NDArray, work: NDArray) -> None:
             work[i] = clipped(work[i], _F(0), _LIMIT)  # NaN, which coefficients near float32's end can sum to, is 0
 
 
-@compiled
+@within
 def _basis(functions: Number, work: NDArray) -> None:
     """The basis functions of degree 1 and up at the directions; a loop each, as a loop with branches is no vector's."""
     x, y, z = P[_SIZE + 2], P[_SIZE + 3], P[_SIZE + 4]

@@ -15,6 +15,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import extending, types
+from numba.core.typing.templates import ConcreteTemplate, infer_global
 
 LANES = 8
 """The floats of a 32-byte vector."""
@@ -58,17 +59,20 @@ def _made(build: Callable[..., Any], *arguments: types.Type, result: types.Type 
 
 
 def _operate(operation: Callable[..., Any], build: Callable[..., Any], of: types.Type, result: types.Type) -> None:
-    """Make an operator of Python's work on lanes."""
+    """Make an operator of Python's work on lanes: no function, which would be compiled for every pair of types."""
+    pairs = [(of, of), *([(of, types.float32), (types.float32, of)] if of == _floats else [])]
 
-    @_intrinsic
-    def apply(typing: Any, a: Any, b: Any) -> Any:
-        return _made(build, a, b, result=result)
+    def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        return build(builder, *(_every(builder, value) for value in given))
 
-    @extending.overload(operation)
-    def choose(a, b):  # type: ignore[no-untyped-def]  # numba compares its signature with the lambda's
-        if of in (a, b) and {a, b} <= {of, types.float32}:
-            return lambda a, b: apply(a, b)
-        return None
+    class Cases(ConcreteTemplate):
+        cases = [result(*pair) for pair in pairs]  # noqa: RUF012  # as numba's own
+
+    infer: Any = infer_global
+    infer(operation)(Cases)
+    lower: Any = extending.lower_builtin
+    for pair in pairs:
+        lower(operation, *pair)(code)
 
 
 for _operator, _name in (

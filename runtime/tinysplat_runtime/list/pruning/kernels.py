@@ -31,7 +31,7 @@ from ...render.kernels_blend import (
 )
 from ...render.kernels_list import TILE_WIDTH, Listed, Tiles, Visible, rows_of, tiles_of
 from ...render.kernels_project import ALPHA_X, BETA_X, BLUE, GAMMA, GREEN, LOG_OPACITY, REACH, RED, X, Y
-from ...system.kernels_compile import Number, compiled
+from ...system.kernels_compile import Number, compiled, within
 from ...system.kernels_lanes import LANES, lanes, load, ramp, store, total, where
 
 OPACITY_COLOUR = 0.5
@@ -72,7 +72,7 @@ def score_tile(listed: Listed, extent: Extent, work: Scratch, wanted: NDArray, i
             _walk(work.near[entry], extent, work.state, pairs[keys[start + entry] & _I(0xFFFFFFFF)])
 
 
-@compiled
+@within
 def _turn_over(state: NDArray, wanted: NDArray, extent: Extent, is_first: bool) -> None:
     """From a drawn tile to what its second walk begins with."""
     for line in range(extent.rows):
@@ -87,7 +87,7 @@ def _turn_over(state: NDArray, wanted: NDArray, extent: Extent, is_first: bool) 
                 state[at + (5 + channel) * _STRIDE] = aim - found
 
 
-@compiled
+@within
 def _walk(splat: NDArray, extent: Extent, state: NDArray, out: NDArray) -> None:
     """Write a splat's sums over a tile; visits the pixels that `kernels_blend.blend_splat` visits."""
     x, y, alpha_x, beta_x, gamma = splat[X] - _F(extent.column), splat[Y], splat[ALPHA_X], splat[BETA_X], splat[GAMMA]

@@ -17,7 +17,7 @@ from ...gaussian.gaussians import Gaussians
 from ...gaussian.quaternions import matrices_to_quats, normalize_quats, quats_to_matrices
 from ...gaussian.sh import C0
 from ...system.blas import symmetric_eigen
-from ...system.kernels_compile import Number, compiled
+from ...system.kernels_compile import Number, compiled, within
 
 UNLIKE = 0.6
 """Bhattacharyya's distance of two Gaussians plus |Δr| + |Δg| + |Δb|, from which they are not merged."""
@@ -124,7 +124,7 @@ def choose(looks: Looks, gone: NDArray, near: NDArray, most: Number, into: NDArr
             into[number] = near[number]
 
 
-@compiled
+@within
 def _unlikeness(looks: Looks, one: Number, other: Number) -> Number:
     means, covariances, logs, colours = looks
     a = 0.5 * (covariances[one] + covariances[other])

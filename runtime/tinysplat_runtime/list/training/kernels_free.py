@@ -19,7 +19,7 @@ from ...gaussian.sh import C0, band_1, band_2
 from ...render.kernels_gradient import BY_RED, PAIR, PULL, PULL_U, PULL_UU, PULL_UW, PULL_W, PULL_WW
 from ...render.kernels_list import Tiles, Visible, rows_of, tiles_of
 from ...render.kernels_project import ALPHA_X, AXES, BETA_X, CHUNK, GAMMA, GEOMETRY, MEAN, OPACITY, RED, ViewNumbers
-from ...system.kernels_compile import Number, compiled
+from ...system.kernels_compile import Number, compiled, within
 
 MOVE, LOG_SCALE, TURN, LOGIT, SH_RED = 0, 3, 6, 10, 11
 """Where values of a Gaussian begin: how far its mean has moved in each direction, in units of its own, logarithms of
@@ -36,7 +36,7 @@ _F, _I, _ZERO = np.float32, np.uint64, np.float32(0)
 _MEAN, _AXES, _OPACITY = (_I(plane * CHUNK) for plane in (MEAN, AXES, OPACITY))
 _UNIT = _I(3 * CHUNK)
 _SLOPES = 9
-_BAND_1, _BAND_2 = compiled(band_1), compiled(band_2)
+_BAND_1, _BAND_2 = within(band_1), within(band_2)
 
 
 class Moved(NamedTuple):
@@ -92,7 +92,7 @@ def place(base: NDArray, values: NDArray, first: int, geometry: NDArray, sh: NDA
     _place_looks(values[LOGIT:], first, geometry, sh)
 
 
-@compiled
+@within
 def _place_looks(looks: NDArray, first: int, geometry: NDArray, sh: NDArray) -> None:
     """Give a block's Gaussians the opacities and colours that their values say.
 
@@ -111,7 +111,7 @@ def _place_looks(looks: NDArray, first: int, geometry: NDArray, sh: NDArray) -> 
                 colours[plane + _I(lane)] = colour[row + _I(lane)]
 
 
-@compiled
+@within
 def _exp(x: Number) -> Number:
     """e^x, float64 to a billionth, x cut to [−80, 80], as arithmetic that vectorises: no call of a library does."""
     x = x if x > -80 else -80.0
@@ -127,7 +127,7 @@ def _exp(x: Number) -> Number:
     return (p * r * r + r + 1) * np.float64(np.int32(biased << np.int32(23)).view(np.float32))
 
 
-@compiled
+@within
 def _log_sigmoid(x: Number) -> Number:
     """log(1 / (1 + e^−x)), float64 to a billionth: 1 + e^−|x| by the series of 2 artanh(s), s at most 1/3."""
     t = _exp(-abs(x))
@@ -143,7 +143,7 @@ def _log_sigmoid(x: Number) -> Number:
     return (x if x < 0 else 0.0) - 2 * (p * q * s + s)
 
 
-@compiled
+@within
 def _turn(quats: NDArray, row: Number, out: NDArray) -> None:
     """Rotation matrices of a chunk, written to (9, 128) float32 row by row; `quats` (4, rows) float32."""
     for lane in range(CHUNK):
@@ -198,7 +198,7 @@ def add_up(
                     gradient[SH_RED + 3 * function + channel, row] += _F(basis[function] * total[BY_RED + channel])
 
 
-@compiled
+@within
 def _add_turn(quat: NDArray, torque: NDArray, out: NDArray) -> None:
     """Add the gradient with respect to a quaternion (4,), by that of turning about the world's axes (3,)."""
     w, x, y, z = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
@@ -211,7 +211,7 @@ def _add_turn(quat: NDArray, torque: NDArray, out: NDArray) -> None:
     out[3] += _F(c * w + a * y - b * x)
 
 
-@compiled
+@within
 def _functions(geometry: NDArray, lane: Number, view: ViewNumbers, functions: int, out: NDArray) -> None:
     """The first SH functions, 1, 4 or 9, in the direction that a Gaussian is seen in."""
     out[0] = C0
@@ -226,7 +226,7 @@ def _functions(geometry: NDArray, lane: Number, view: ViewNumbers, functions: in
         out[4], out[5], out[6], out[7], out[8] = _BAND_2(x, y, z, x * x, y * y, z * z)
 
 
-@compiled
+@within
 def _shape_gradient(
     record: NDArray, geometry: NDArray, lane: Number, view: ViewNumbers, total: NDArray, out: NDArray
 ) -> None:
