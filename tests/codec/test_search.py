@@ -85,6 +85,27 @@ def test_curves_that_jump_give_the_nearest_file_on_the_right_side():
     assert 0 < float(data) < 3
 
 
+@dataclass
+class Settling(Curve):
+    """What is settled at Q_g has a curve of its own, of steps alone, through the point that this one has there."""
+
+    settles = True
+    steps: float = 0.05
+
+    def settled(self, qp: float) -> Curve:
+        self.asked.append(qp)
+        return Curve(lambda at: self.size(qp) * 2 ** (self.steps * (qp - at)))
+
+
+@given(fall=st.floats(0.1, 0.2), share=st.floats(0.2, 5), start=st.floats(-10, 10), steps=st.floats(0.04, 0.08))
+def test_what_takes_long_is_settled_few_times_on_the_way_to_a_size(fall, share, start, steps):
+    target = int(4_000 * share)
+    coder = Settling(octaves(0, fall, 0), start, steps=steps)
+    data = code_to_size(coder, target)
+    assert (1 - SIZE_TOLERANCE) * target <= len(data) + 1 <= target + 1
+    assert len(coder.asked) <= 4
+
+
 @pytest.mark.parametrize("better", [True, False])
 def test_another_coder_is_taken_where_its_file_is_smaller(better):
     one, two = Curve(octaves(0, 0.1, 0)), Curve(octaves(-1 if better else 1, 0.1, 0))

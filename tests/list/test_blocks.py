@@ -19,6 +19,7 @@ from tinysplat_runtime.list.views import views_about, views_of
 pytest.importorskip("numba")
 
 from tinysplat_runtime.graphs.inference import GraphStore
+from tinysplat_runtime.list.coding.rounding import Rounding
 from tinysplat_runtime.list.pruning.encoder import PruningEncoder
 
 COUNT = 1600
@@ -48,10 +49,10 @@ def test_every_gaussian_is_in_one_block_and_blocks_are_about_as_large(most):
 
 
 def test_a_list_in_blocks_loses_what_nobody_sees_and_looks_like_one_in_a_piece(balls):
-    decoded = {}
+    decoded, views = {}, views_of(balls)
     for together in (COUNT, COUNT // 3):
         job = Job(balls, find_profile("balanced"), 0.0, GraphStore(), 1, EncodeStats())
-        coder = PruningEncoder(job, views_of(balls), together=together)
+        coder = PruningEncoder(job, views, Rounding.of(balls, views, 1), together=together)
         decoded[together] = ts.decompress(coder.code(0.0))
     (whole, in_blocks), cameras = decoded.values(), list(balls.viewpoints)
     assert in_blocks.count < 0.6 * COUNT

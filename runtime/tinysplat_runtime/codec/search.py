@@ -21,7 +21,11 @@ SIZE_TOLERANCE = 0.03
 PSNR_TOLERANCE = 0.2
 """A file of a target PSNR has at least that many dB, and at most this many more where steps allow it."""
 
-_TRIALS, _OTHER_TRIALS = 14, 6
+_TRIALS, _OTHER_TRIALS, _SETTLINGS = 14, 6, 4
+_NEAR_OCTAVES, _NEAR_DB = (0.3, 0.05), (2.5, 0.3)
+"""Below and above a target, octaves of bytes and dB, from where steps alone go the rest of the way: finer ones as well
+as if the coder had settled for the target; coarser ones lose more than it would."""
+
 _LEAST_STEP = 0.02
 """Of Q_g, within which no second file is coded."""
 
@@ -37,10 +41,12 @@ class Coder(ABC):
     Attributes:
         profile: how planes are coded.
         db_per_qp: typical fall of the PSNR, for the first guesses.
+        settles: whether `settled` saves time.
     """
 
     profile: Profile
     db_per_qp = 0.95
+    settles = False
 
     @abstractmethod
     def code(self, qp: float) -> bytes:
@@ -49,6 +55,10 @@ class Coder(ABC):
     def expect(self, size: float) -> tuple[float, float]:
         """Q_g at which to look first for a file of `size` bytes, and about how many octaves its size falls by Q_g."""
         return 0.0, 0.1
+
+    def settled(self, qp: float) -> Coder:
+        """What has decided what takes long as this Q_g asks for, and codes about as well at others near it."""
+        return self
 
     def other(self, qp: float) -> Coder | None:
         """What else might code better about this Q_g, if anything."""
@@ -73,8 +83,12 @@ def code_to_size(coder: Coder, target: int) -> bytes:
         InputError: the coarsest steps give more; says how much.
     """
     low, high = math.log2((1 - SIZE_TOLERANCE) * target), math.log2(target)
-    start, falls = coder.expect((1 - SIZE_TOLERANCE / 2) * target)
-    tried = tries(coder.code, lambda data: math.log2(len(data)), low, high, falls, start=start)
+    aim, near = (1 - SIZE_TOLERANCE / 2) * target, (low - _NEAR_OCTAVES[0], high + _NEAR_OCTAVES[1])
+
+    def slope(coder: Coder) -> float:
+        return coder.expect(aim)[1]
+
+    tried = _files(coder, lambda data: math.log2(len(data)), (low, high), near, slope, coder.expect(aim)[0])
     files = [file.data for file in tried]
     within = [data for data in files if len(data) <= target]
     if within:
@@ -89,8 +103,8 @@ def code_to_psnr(coder: Coder, target: float, measure: Callable[[bytes], float])
     Raises:
         InputError: no file has as many; says the most that one has.
     """
-    wanted = target, target + PSNR_TOLERANCE, coder.db_per_qp
-    files = list(tries(coder.code, measure, *wanted))
+    wanted, near = (target, target + PSNR_TOLERANCE), (target - _NEAR_DB[0], target + _NEAR_DB[1])
+    files = list(_files(coder, measure, wanted, near, lambda coder: coder.db_per_qp))
     met = [file for file in files if file.score >= target]
     if not met:
         most = max(file.score for file in files)
@@ -99,8 +113,37 @@ def code_to_psnr(coder: Coder, target: float, measure: Callable[[bytes], float])
     qp = min(met, key=lambda file: len(file.data)).qp
     other = coder.other(qp)
     if other is not None:
-        met += [f for f in tries(other.code, measure, *wanted, start=qp, count=_OTHER_TRIALS) if f.score >= target]
+        others = tries(other.code, measure, *wanted, coder.db_per_qp, start=qp, count=_OTHER_TRIALS)
+        met += [file for file in others if file.score >= target]
     return min(met, key=lambda file: len(file.data)).data
+
+
+def _files(
+    coder: Coder,
+    score: Callable[[bytes], float],
+    wanted: tuple[float, float],
+    near: tuple[float, float],
+    slope: Callable[[Coder], float],
+    start: float = 0.0,
+) -> Iterator[Try[bytes]]:
+    """Files on the way to a score that is wanted, as `tries` makes them; a coder that settles something does so on the
+    way to a score that is `near`.
+    """
+    if not coder.settles:
+        yield from tries(coder.code, score, *wanted, slope(coder), start=start)
+        return
+
+    def settle(qp: float) -> tuple[Coder, bytes]:
+        settled = coder.settled(qp)
+        return settled, settled.code(qp)
+
+    *_, last = tries(settle, lambda made: score(made[1]), *near, slope(coder), start=start, count=_SETTLINGS)
+    settled, data = last.data
+
+    def code(qp: float) -> bytes:
+        return data if qp == last.qp else settled.code(qp)
+
+    yield from tries(code, score, *wanted, slope(settled), start=last.qp)
 
 
 @dataclass(frozen=True)

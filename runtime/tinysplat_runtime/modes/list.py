@@ -15,7 +15,7 @@ from .mode import Mode
 if TYPE_CHECKING:  # who decodes loads no encoder
     from ..list.coding.encoder import ListEncoder
     from ..list.coding.levels import Tiers
-    from ..list.views import Views
+    from ..list.coding.rounding import Rounding
 
 
 def encode(job: Job) -> bytes:
@@ -23,12 +23,12 @@ def encode(job: Job) -> bytes:
     return encoder(job).code(job.qp)
 
 
-def encoder(job: Job, views: Views | None = None, tiers: Tiers | None = None) -> ListEncoder:
-    """What codes the job's Gaussians at any Q_g; views and tiers as for `ListEncoder`."""
+def encoder(job: Job, rounding: Rounding | None = None, tiers: Tiers | None = None) -> ListEncoder:
+    """What codes the job's Gaussians at any Q_g; rounding and tiers as for `ListEncoder`."""
     from ..list.coding.encoder import ListEncoder
 
     job.told.say("step", "coding")
-    return ListEncoder(job, views=views, tiers=tiers)
+    return ListEncoder(job, rounding, tiers=tiers)
 
 
 def decode(file: OpenFile, body: List) -> Gaussians:

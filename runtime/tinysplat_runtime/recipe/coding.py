@@ -29,11 +29,12 @@ from ..system.decibels import decibels
 from ..system.evenly import evenly
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
-from .forecast import MANY, prune_forecast
+from .forecast import prune_forecast
 from .request import Coding
 from .steps import Fidelity, Kind, Ready, Tools
 
 if TYPE_CHECKING:
+    from ..list.coding.rounding import Rounding
     from ..list.views import Views
 
 MEASURED_VIEWS, MOST_JUDGED = 8, 16
@@ -122,30 +123,50 @@ def as_list(job: Job, coding: Coding, limits: Limits, coder: Callable[[Job, View
     )
 
 
+def kept(job: Job, views: Views) -> Coder:
+    """Codes all of a list."""
+    return list_encoder(job, _rounding(job, views))
+
+
 def ranked(job: Job, views: Views) -> Coder:
     """Codes all of a list, in tiers: training has pruned it."""
     from ..list.pruning.tiers import ranked as in_tiers
 
-    return list_encoder(job, views, in_tiers(job.gaussians, views, Crew(job.threads).map))
+    return list_encoder(job, _rounding(job, views), in_tiers(job.gaussians, views, Crew(job.threads).map))
 
 
-def pruned(job: Job, views: Views, *, seconds: float) -> Coder:
-    """Codes what is worth its bytes, or all of it, with a warning, without numba or known viewpoints."""
+def pruned(job: Job, views: Views, *, seconds: float, is_searched: bool) -> Coder:
+    """Codes what is worth its bytes, or all of it, with a warning, without numba or known viewpoints.
+
+    Args:
+        job: the list.
+        views: where it is looked at from.
+        seconds: time limit.
+        is_searched: whether the file is to meet a target.
+    """
     try:
         from ..list.pruning.encoder import PruningEncoder
     except ImportError as error:
         fault = f'all Gaussians are kept: to leave some out needs {error.name}; pip install "tinysplat[fast]" brings it'
         warn(fault)
-        return list_encoder(job, views)
+        return kept(job, views)
     if not views.doubt:
-        if job.gaussians.count >= MANY and seconds == math.inf:
-            job.told.say("notice", prune_forecast(job.gaussians.count))
-        return PruningEncoder(job, views, seconds=seconds)
+        forecast = prune_forecast(job.gaussians, views, is_searched=is_searched)
+        if forecast and seconds == math.inf:
+            job.told.say("notice", forecast)
+        return PruningEncoder(job, views, _rounding(job, views), seconds=seconds)
     warn(f"all Gaussians are kept: {views.doubt}")
     if not job.gaussians.viewpoints:
-        return list_encoder(job, views)
+        return kept(job, views)
     # looked at as if there were none
     return list_encoder(replace(job, gaussians=replace(job.gaussians, viewpoints=())))
+
+
+def _rounding(job: Job, views: Views) -> Rounding:
+    from ..list.coding.rounding import Rounding
+
+    with job.stats.watch.stage("steps"):
+        return Rounding.of(job.gaussians, views, job.threads, job.profile.list_steps)
 
 
 def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:

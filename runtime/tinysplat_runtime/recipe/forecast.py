@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..gaussian.gaussians import Gaussians
 from ..list.training import BYTES_EACH
 from ..list.training.contrast import contrast
+from ..list.views import TOGETHER, Views
 from ..scene.scenes import Frame, Scene
 from ..scene.viewchoice import ALL_VIEWS
 from ..system.evenly import evenly
@@ -26,8 +28,12 @@ PHOTOS = 4
 PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 1.6, 0.00066, 0.7
 """CPU seconds of a photo of 256×256, of a Gaussian, and the power of pixels that those of larger photos grow with."""
 
-MANY, PRUNE_SECONDS, KEEP_SECONDS = 100_000, 0.14, 0.025
-"""Gaussians from which pruning takes long; CPU seconds of a thousand, pruned or all kept: docs/lab/list.md."""
+PLACE_SECONDS, OBJECT_SECONDS, LIST_SECONDS, KEEP_SECONDS, SEARCHED = 5.8, 3.8, 0.031, 0.025, 1.75
+"""CPU seconds of pruning by a million pixels of views, which an object hardly fills, and of a thousand Gaussians that
+are pruned or all kept; and how many times as long a target takes, for which most lists are pruned twice."""
+
+LONG_SECONDS = 20.0
+"""CPU seconds from which a list is announced."""
 
 
 def planes_forecast(request: EncodeRequest, scene: Scene) -> str:
@@ -58,12 +64,19 @@ def list_forecast(request: EncodeRequest, scene: Scene) -> str:
     return f"{count} photos of {camera.width}x{camera.height}: {made} {taken}"
 
 
-def prune_forecast(count: int) -> str:
-    """A line about pruning a list of so many Gaussians, and what shortens it."""
-    pruned, kept = (_rounded(count * seconds / 1000) for seconds in (PRUNE_SECONDS, KEEP_SECONDS))
+def prune_forecast(gaussians: Gaussians, views: Views, *, is_searched: bool) -> str:
+    """A line about pruning a list from such views, and what shortens it; empty where it takes seconds. `is_searched` of
+    one that is to meet a target.
+    """
+    pixels = sum(camera.width * camera.height for camera in views.deciding) / 1e6
+    count, blocks = gaussians.count, -(-gaussians.count // TOGETHER)
+    times, by_view = SEARCHED if is_searched else 1.0, OBJECT_SECONDS if views.is_object else PLACE_SECONDS
+    seconds = times * (by_view * pixels * blocks + LIST_SECONDS * count / 1000)
+    if seconds < LONG_SECONDS:
+        return ""
     return (
-        f"{count:,} Gaussians: pruning and coding take about {pruned} CPU seconds; --seconds N bounds pruning,"
-        f" --keep-all leaves it out (about {kept})"
+        f"{count:,} Gaussians: pruning and coding take about {_rounded(seconds)} CPU seconds; --seconds N bounds"
+        f" pruning, --keep-all leaves it out (about {_rounded(times * KEEP_SECONDS * count / 1000)})"
     )
 
 

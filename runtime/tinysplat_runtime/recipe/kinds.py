@@ -14,11 +14,10 @@ from ..errors import InputError, fast_for
 from ..gaussian.gaussians import Gaussians
 from ..graphs import DEFAULT_MODEL
 from ..list.training import FEW_PHOTOS, for_network, usual_steps
-from ..modes.list import encoder
 from ..network.ways import LEAST_EACH
 from ..scene.scenes import Scene
 from ..system.told import Told
-from .coding import as_list, as_photos, as_planes, pruned, ranked
+from .coding import as_list, as_photos, as_planes, kept, pruned, ranked
 from .forecast import list_forecast, planes_forecast
 from .request import Coding, EncodeRequest
 from .steps import Kind, Run, Shares, Step
@@ -66,6 +65,9 @@ LISTED: Shares = [
     ("measuring", 2),
 ]
 
+AGAIN: Shares = [("pruning", 6), ("correcting", 13), ("coding", 8), ("measuring", 2)]
+"""Behind all of these but the last for a target, for which most lists are pruned twice."""
+
 PLANES = Kind(modes.DEFAULT_MODE, CODED, as_planes, foretold=planes_forecast)
 
 LIST = Kind(
@@ -96,8 +98,10 @@ def kind_of(gaussians: Gaussians, coding: Coding, *, keep_all: bool = False, sec
     """
     if gaussians.is_per_pixel or coding.lossless or coding.like is not None:
         return PLANES
-    coder = encoder if keep_all else partial(pruned, seconds=seconds)
-    return Kind(modes.LIST, LISTED, partial(as_list, coder=coder), has_views=False)
+    is_searched = coding.target_size is not None or coding.target_psnr is not None
+    coder = kept if keep_all else partial(pruned, seconds=seconds, is_searched=is_searched)
+    shares = LISTED[:-1] + AGAIN if is_searched and not keep_all else LISTED
+    return Kind(modes.LIST, shares, partial(as_list, coder=coder), has_views=False)
 
 
 def chosen(request: EncodeRequest, photos: Scene, told: Told) -> Kind:

@@ -25,6 +25,7 @@ from tinysplat_runtime.container.layout import SUFFIX
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.formats.table import load_gaussians, save_gaussians
 from tinysplat_runtime.gaussian.gaussians import Gaussians
+from tinysplat_runtime.list.coding.rounding import Rounding
 from tinysplat_runtime.list.pruning.encoder import PruningEncoder
 from tinysplat_runtime.list.views import from_anywhere, views_of
 from tinysplat_runtime.list.visible import visible
@@ -103,7 +104,8 @@ def _own(run: Run, subject: Subject) -> Iterator[Row]:
     shown = visible(gaussians)
     views = from_anywhere(views_of(shown), shown)
     job = Job(gaussians, profile, 0.0, run.runtime.store, run.threads, EncodeStats())
-    pruning, whole = PruningEncoder(job, views), encoder_of(job, views)
+    rounding = Rounding.of(shown, views, run.threads, profile.list_steps)
+    pruning, whole = PruningEncoder(job, views, rounding), encoder_of(job, rounding)
     for qp in run.options.qp or (QUICK_QPS if run.quick else QPS):
         for way, encoder in ((OURS, pruning), (WHOLE, whole)):
             data = encoder.code(qp)

@@ -25,7 +25,8 @@ from ...system import disk
 from ...system.evenly import evenly
 from ...system.threads import Crew
 from ..blocks import blocks_of
-from ..coding.encoder import MOST_BLOCKS, ListEncoder
+from ..coding.encoder import ListEncoder
+from ..coding.rounding import MOST_BLOCKS, Rounding
 from ..views import TOGETHER, Views, views_of_block
 from ..visible import taken, visible
 from .removal import Pruned, Remover
@@ -37,7 +38,7 @@ class Terms:
     """How much is pruned, and how the rest is coded.
 
     Attributes:
-        slope: worth of a Gaussian over the mean error per Gaussian of `ListEncoder.rounded`.
+        slope: worth of a Gaussian over the mean error per Gaussian of `Rounding.rounded`.
         steps: steps of what is left, over those of Q_g.
     """
 
@@ -61,7 +62,8 @@ SPARSE_PLACE = Terms(slope=12.0, steps=1.0)
 BYTES_EACH = 4.0
 """Approximate bytes of a Gaussian at Q_g = 0."""
 
-OCTAVES_PER_QP = 0.1
+OCTAVES_PER_QP, OCTAVES_PRUNED = 0.1, 0.16
+"""By which bytes fall over Q_g, of the same Gaussians and of those that are worth their bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +72,10 @@ class _Block:
 
     Attributes:
         gaussians: (n,).
-        coder: rounds them.
         remover: ranks them; None without known viewpoints, or after the time limit.
     """
 
     gaussians: Gaussians
-    coder: ListEncoder
     remover: Remover | None
 
 
@@ -88,12 +88,18 @@ class PruningEncoder(Coder):
         profile: how planes are coded.
     """
 
-    def __init__(self, job: Job, views: Views, *, seconds: float = math.inf, together: int = TOGETHER) -> None:
+    settles = True
+    db_per_qp = 1.2
+
+    def __init__(
+        self, job: Job, views: Views, rounding: Rounding, *, seconds: float = math.inf, together: int = TOGETHER
+    ) -> None:
         """Look at the Gaussians.
 
         Args:
             job: a list, and how it is coded; errors as those of `ListEncoder`.
             views: where they are looked at from.
+            rounding: how coarsely all of them would be coded.
             seconds: time limit; Gaussians not examined by then are kept.
             together: most Gaussians that are ranked together.
         """
@@ -101,31 +107,37 @@ class PruningEncoder(Coder):
         until = time.monotonic() + seconds
         # removers hold it, and would hold the encoder with a method of its
         self._is_late: Callable[[], bool] = lambda: time.monotonic() > until
-        self._whole = ListEncoder(job, views=views)
-        self._terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, self._whole.steps.sparse)
+        terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, rounding.steps.sparse)
+        self._slope, self._rounding = terms.slope, rounding.times(terms.steps)
         with job.stats.watch.stage("rank"):
             shown = visible(job.gaussians)
             rows = blocks_of(shown.means, together)
-            if len(rows) == 1:
-                self._blocks = [self._block(shown, views, self._whole)]
-                return
+            several = len(rows) > 1
             self._blocks = []
-            for own in job.told.progress("looking at blocks", rows):
+            for own in job.told.progress("looking at blocks", rows) if several else rows:
                 block = taken(shown, own)
-                coder = self._whole.of_block(block, views, self._whole.steps)
-                self._blocks.append(self._block(block, views_of_block(block, views), coder))
+                self._blocks.append(self._block(block, views_of_block(block, views) if several else views))
                 disk.let_go()
 
-    def _block(self, gaussians: Gaussians, views: Views, coder: ListEncoder) -> _Block:
+    def _block(self, gaussians: Gaussians, views: Views) -> _Block:
         remover = None
         if views.deciding and not self._is_late():
             remover = Remover(
                 gaussians, views.deciding, Crew(self._job.threads).map, views.judging, self._is_late, self._job.told
             )
-        return _Block(gaussians, coder, remover)
+        return _Block(gaussians, remover)
+
+    def expect(self, size: float) -> tuple[float, float]:
+        """As `Coder.expect` says: what few bytes have room for is fewer Gaussians with coarser steps."""
+        each = size / sum(block.gaussians.count for block in self._blocks)
+        return math.log2(BYTES_EACH / each) / OCTAVES_PRUNED, OCTAVES_PRUNED
 
     def code(self, qp: float) -> bytes:
         """The file at Q_g; errors as those of `ListEncoder.code`."""
+        return self.settled(qp).code(qp)
+
+    def settled(self, qp: float) -> ListEncoder:
+        """What codes the Gaussians that are worth their bytes at Q_g."""
         with self._job.stats.watch.stage("rank"):
             pruned, penalties = self._pruned(qp)
             tiers = tiers_of([(block.remover, own) for block, own in zip(self._blocks, pruned, strict=True)])
@@ -145,16 +157,11 @@ class PruningEncoder(Coder):
                     sh[own] = block.remover.recoloured(decoded.taken(own), penalties).sh
             return sh
 
-        coder = ListEncoder(
-            replace(self._job, gaussians=kept),
-            views=self._views,
-            steps=self._whole.steps,
-            tiers=tiers,
-            recolour=None if kept.degree else recolour,  # by direction, colours would be fitted to views' errors
-        )
         disk.let_go()
         self._job.told.say("step", "coding")
-        return coder.code(qp, self._terms.steps)
+        # by direction, colours would be fitted to views' errors
+        by_errors = None if kept.degree else recolour
+        return ListEncoder(replace(self._job, gaussians=kept), self._rounding, tiers=tiers, recolour=by_errors)
 
     def _pruned(self, qp: float) -> tuple[list[Pruned], list[float]]:
         """What is left of each block at Q_g, and the cost of SH coefficients."""
@@ -162,13 +169,13 @@ class PruningEncoder(Coder):
         error, count, squares = 0.0, 0, np.zeros(ranked[0].gaussians.sh.shape[1] if ranked else 1)
         for number in evenly(len(ranked), MOST_BLOCKS):
             block = ranked[number]
-            rounded = block.coder.rounded(qp, self._terms.steps)
+            rounded = self._rounding.rounded(block.gaussians, qp, self._job.threads)
             error += block.remover.error_of(rounded)  # type: ignore[union-attr]
             count += rounded.count
             squares += np.einsum("nsc,nsc->s", rounded.sh, rounded.sh, dtype=np.float64) / 3
             del rounded
             disk.let_go()
-        worth = self._terms.slope * error / max(count, 1)
+        worth = self._slope * error / max(count, 1)
         slope = worth / BYTES_EACH * 2 ** (OCTAVES_PER_QP * qp)
         penalties = _band_penalties(squares / max(count, 1), slope)
         found: list[Pruned] = []
