@@ -14,7 +14,7 @@ NETWORK_SIDE, MOST_SIDE = 256, 320
 """Pixels of the shorter side of copies that a network makes a list's first Gaussians of, and how many photos have that
 are not made smaller: of about the size that it was trained at, it finds most, and a list needs few of their pixels."""
 
-KEPT, BYTES_EACH = 0.52, 12.5
+KEPT, BYTES_EACH = 0.43, 12.5
 """Share of these that is left at the end, and bytes that a file takes for each, about."""
 
 STEPS_A_PHOTO, LEAST_STEPS, MOST_STEPS = 45, 800, 4_000
