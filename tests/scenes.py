@@ -30,6 +30,8 @@ from tinysplat_runtime.gaussian.quaternions import matrices_to_quats, normalize_
 from tinysplat_runtime.graphs.inference import GraphStore
 from tinysplat_runtime.list.coding.encoder import ListEncoder
 from tinysplat_runtime.list.coding.levels import Level, Tiers
+from tinysplat_runtime.list.coding.rounding import Rounding
+from tinysplat_runtime.list.views import views_of
 from tinysplat_runtime.render import DEFINITION, between, render
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.pictures import write_png
@@ -215,7 +217,8 @@ def list_in_tiers(gaussians: Gaussians, qp: float = 0.0, growths: tuple[float, .
     ranks = np.argsort(np.argsort(-gaussians.opacities, kind="stable"))
     numbers = sum(ranks >= level.share * gaussians.count for level in levels[:2]).astype(np.uint8)
     job = Job(gaussians, find_profile("balanced"), qp, GraphStore(), threads=1, stats=EncodeStats())
-    return ListEncoder(job, tiers=Tiers(levels, numbers, growths)).code(qp)
+    rounding = Rounding.of(gaussians, views_of(gaussians), threads=1)
+    return ListEncoder(job, rounding, tiers=Tiers(levels, numbers, growths)).code(qp)
 
 
 def make_photo(height: int, width: int, seed: int = 0) -> NDArray:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # who decodes loads no encoder
     from ..list.coding.encoder import ListEncoder
     from ..list.coding.levels import Tiers
     from ..list.coding.rounding import Rounding
+    from ..list.views import Views
 
 
 def encode(job: Job) -> bytes:
@@ -24,11 +25,24 @@ def encode(job: Job) -> bytes:
 
 
 def encoder(job: Job, rounding: Rounding | None = None, tiers: Tiers | None = None) -> ListEncoder:
-    """What codes the job's Gaussians at any Q_g; rounding and tiers as for `ListEncoder`."""
+    """What codes the job's Gaussians at any Q_g; tiers as for `ListEncoder`, and so is rounding, where it is known."""
     from ..list.coding.encoder import ListEncoder
+    from ..list.views import views_of
+    from ..list.visible import visible
 
+    if rounding is None:
+        job = replace(job, gaussians=visible(job.gaussians))
+        rounding = rounding_of(job, views_of(job.gaussians))
     job.told.say("step", "coding")
     return ListEncoder(job, rounding, tiers=tiers)
+
+
+def rounding_of(job: Job, views: Views) -> Rounding:
+    """How coarsely the job's Gaussians, each of which shows, are coded for such views."""
+    from ..list.coding.rounding import Rounding
+
+    with job.stats.watch.stage("steps"):
+        return Rounding.of(job.gaussians, views, job.threads, job.profile.list_steps)
 
 
 def decode(file: OpenFile, body: List) -> Gaussians:

@@ -19,6 +19,7 @@ from ..gaussian.gaussians import Gaussians
 from ..modes import PHOTOS
 from ..modes.decoder import decode_gaussians
 from ..modes.list import encoder as list_encoder
+from ..modes.list import rounding_of
 from ..modes.mode import find_mode
 from ..modes.recode import encode_like
 from ..render import Renderer
@@ -34,7 +35,6 @@ from .request import Coding
 from .steps import Fidelity, Kind, Ready, Tools
 
 if TYPE_CHECKING:
-    from ..list.coding.rounding import Rounding
     from ..list.views import Views
 
 MEASURED_VIEWS, MOST_JUDGED = 8, 16
@@ -125,14 +125,14 @@ def as_list(job: Job, coding: Coding, limits: Limits, coder: Callable[[Job, View
 
 def kept(job: Job, views: Views) -> Coder:
     """Codes all of a list."""
-    return list_encoder(job, _rounding(job, views))
+    return list_encoder(job, rounding_of(job, views))
 
 
 def ranked(job: Job, views: Views) -> Coder:
     """Codes all of a list, in tiers: training has pruned it."""
     from ..list.pruning.tiers import ranked as in_tiers
 
-    return list_encoder(job, _rounding(job, views), in_tiers(job.gaussians, views, Crew(job.threads).map))
+    return list_encoder(job, rounding_of(job, views), in_tiers(job.gaussians, views, Crew(job.threads).map))
 
 
 def pruned(job: Job, views: Views, *, seconds: float, is_searched: bool) -> Coder:
@@ -154,19 +154,12 @@ def pruned(job: Job, views: Views, *, seconds: float, is_searched: bool) -> Code
         forecast = prune_forecast(job.gaussians, views, is_searched=is_searched)
         if forecast and seconds == math.inf:
             job.told.say("notice", forecast)
-        return PruningEncoder(job, views, _rounding(job, views), seconds=seconds)
+        return PruningEncoder(job, views, rounding_of(job, views), seconds=seconds)
     warn(f"all Gaussians are kept: {views.doubt}")
     if not job.gaussians.viewpoints:
         return kept(job, views)
     # looked at as if there were none
     return list_encoder(replace(job, gaussians=replace(job.gaussians, viewpoints=())))
-
-
-def _rounding(job: Job, views: Views) -> Rounding:
-    from ..list.coding.rounding import Rounding
-
-    with job.stats.watch.stage("steps"):
-        return Rounding.of(job.gaussians, views, job.threads, job.profile.list_steps)
 
 
 def _list_fidelity(job: Job, limits: Limits, cameras: Sequence[Camera]) -> Fidelity:

@@ -23,7 +23,6 @@ from ...gaussian.curve import morton_keys
 from ...gaussian.gaussians import FIELDS, Gaussians
 from ...scene.neighbours import spread
 from ...system.threads import Crew
-from ..views import views_of
 from ..visible import taken, visible_rows
 from .attributes import to_columns
 from .channels import ChannelCoder, PlacedTier, Shapes, code_colours, code_shapes, decoded
@@ -43,7 +42,7 @@ class ListEncoder(Coder):
     def __init__(
         self,
         job: Job,
-        rounding: Rounding | None = None,
+        rounding: Rounding,
         *,
         tiers: Tiers | None = None,
         recolour: Callable[[Gaussians, NDArray], NDArray] | None = None,
@@ -52,7 +51,7 @@ class ListEncoder(Coder):
 
         Args:
             job: any Gaussians, with `tiers` a list, and how they are coded; its Q_g is not looked at.
-            rounding: how coarsely; None for what pictures from `views_of` ask for.
+            rounding: how coarsely.
             tiers: what a prefix shows first; None for one tier.
             recolour: gives SH (N, B, 3) to Gaussians as they are decoded, but with the colours that they had; told
                 which of the job's they are.
@@ -66,10 +65,6 @@ class ListEncoder(Coder):
         self._job, self._recolour = job, recolour
         self.profile = job.profile
         self._tiers = tiers.of(shown) if tiers else Tiers.whole(self._gaussians.count)
-        if rounding is None:
-            with job.stats.watch.stage("steps"):
-                views = views_of(self._gaussians)
-                rounding = Rounding.of(self._gaussians, views, job.threads, job.profile.list_steps)
         self._rounding, self._sizes = rounding, rounding.sizes(self._gaussians)
         # Order by weight leaves no blocks that have QPs of their own.
         self._settings = replace(job.profile.encoder, block_qps=False)
