@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scenes import make_gaussians
 
@@ -25,3 +27,13 @@ def test_every_covariance_grows_by_its_photos_pixel_in_all_layers():
         expected = half_pixel[:, None, None] ** 2 * np.eye(3)
         np.testing.assert_allclose(added, expected, rtol=1e-4, atol=1e-6 * covariances(after).max())
         np.testing.assert_array_equal(after.opacities, before.opacities)
+
+
+def test_a_lists_covariances_grow_by_the_pixel_of_the_photo_that_shows_each_largest():
+    scene = make_gaussians(3, 6, 8)
+    found = replace(scene.flat(), viewpoints=scene.cameras)
+    z = [(found.means @ c.w2c[:3, :3].T + c.w2c[:3, 3])[:, 2] for c in scene.cameras]
+    nearest = np.where(np.stack(z) > 0, np.stack(z), np.inf).min(axis=0) / scene.cameras[0].focal
+    added = covariances(widened(found, 0.25)) - covariances(found)
+    expected = (nearest / 2)[:, None, None] ** 2 * np.eye(3)
+    np.testing.assert_allclose(added, expected, rtol=1e-3, atol=1e-6 * expected.max())

@@ -56,13 +56,16 @@ for (const entry of order) {
   const plain = glsl.dot3(area, area);
   let [a, c] = [glsl.dot3(m1, m1), glsl.dot3(m2, m2)];
   let own = 0;
-  if (view >= 0 && scene.dilation === "own") {
-    const { K, rotation, position } = views[view];
-    const deep = dot(
-      rotation[2],
-      [0, 1, 2].map((k) => means[3 * i + k] - position[k]),
-    );
-    own = deep > 0 ? ((deep / sqrt(K[0] * K[2])) * focal) / point[2] : 0;
+  if (scene.dilation === "own") {
+    const widths = (view >= 0 ? [views[view]] : views).map(({ K, rotation, position }) => {
+      const deep = dot(
+        rotation[2],
+        [0, 1, 2].map((k) => means[3 * i + k] - position[k]),
+      );
+      return ((deep / sqrt(K[0] * K[2])) * focal) / point[2];
+    });
+    const seen = widths.filter((width) => width > 0);
+    if (seen.length) own = max(Math.min(...seen), view >= 0 ? 0 : 1);
   }
   const wider = glsl.widening(a, b, c, plain, own);
   const det = plain + wider.x * (a + c + wider.x);

@@ -49,7 +49,7 @@ def drawn(tmp_path: Path, gaussians: Gaussians, camera: ts.Camera, *, dilation: 
         "height": camera.height,
         "parts": parts,
         "camera": as_view(camera, flat.origin),
-        "views": [as_view(own, flat.origin) for own in gaussians.cameras],
+        "views": [as_view(own, flat.origin) for own in gaussians.cameras or gaussians.viewpoints],
         "depth": near.depth if near else 1,
         "nearPlane": NEAR_PLANE,
         "degree": flat.degree,
@@ -97,9 +97,11 @@ def agrees(picture: NDArray, expected: NDArray) -> None:
 
 @pytest.mark.parametrize(("dilation", "order"), [("screen", "depth"), ("own", "near"), ("own", "depth")])
 @pytest.mark.parametrize("times", [0.5, 1, 2])
-def test_pictures_are_the_rasteriser_s(tmp_path: Path, dilation: str, order: str, times: float) -> None:
-    gaussians = make_gaussians(3, 20, 28, degree=1)
-    camera = moved(gaussians.cameras[0], (0.1, -0.05, 0.2), 0.1).resized(int(20 * times), int(28 * times))
+@pytest.mark.parametrize("is_list", [False, True])
+def test_pictures_are_the_rasteriser_s(tmp_path: Path, dilation: str, order: str, times: float, is_list: bool) -> None:
+    planes = make_gaussians(3, 20, 28, degree=1)
+    gaussians = replace(planes.flat(), viewpoints=planes.cameras) if is_list else planes
+    camera = moved(planes.cameras[0], (0.1, -0.05, 0.2), 0.1).resized(int(20 * times), int(28 * times))
     expected = ts.render(gaussians, camera, dilation=dilation, order=order)
     picture = drawn(tmp_path, gaussians, camera, dilation=dilation, order=order)
     assert expected.std() > 0.05

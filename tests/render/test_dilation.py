@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,11 @@ def alpha(gaussians, size, compiled, dilation="own"):
     return image[margin:-margin, margin:-margin]
 
 
+def listed(gaussians):
+    """The same as a list that knows where its photo was taken."""
+    return replace(gaussians.flat(), viewpoints=gaussians.cameras)
+
+
 by_both = pytest.mark.parametrize("compiled", [False, True], ids=["numpy", "compiled"])
 
 
@@ -46,6 +53,22 @@ def test_an_enlarged_surface_has_no_gaps(times, compiled):
     # between the pixels' centres it covers less than at them, by the ripple of Gaussians 1/√0.3 deviations apart
     assert enlarged.min() > 0.9 * at_coded_size.min()
     assert alpha(wall(), times * SIDE, compiled, "screen").min() < 0.5
+
+
+@by_both
+@pytest.mark.parametrize("times", [1, 2, 10])
+def test_a_list_is_enlarged_as_a_photo_would_be_and_drawn_small_as_3dgs_defines(times, compiled):
+    planes = wall()
+    camera, found = planes.cameras[0], listed(planes)
+
+    def drawn(size, dilation):
+        renderer = Renderer(found, 1, dilation=dilation, compiled=compiled)
+        return renderer.render(camera, (size, size), outputs=("alpha",))["alpha"]
+
+    small = SIDE // times
+    np.testing.assert_array_equal(drawn(small, "own"), drawn(small, "screen"))
+    enlarged, margin = drawn(times * SIDE, "own"), times * SIDE // 8
+    assert enlarged[margin:-margin, margin:-margin].min() > 0.9 * alpha(planes, SIDE, compiled).min()
 
 
 @by_both

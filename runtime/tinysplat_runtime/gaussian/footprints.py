@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Real
 
@@ -29,6 +30,15 @@ def own_pixels(means: NDArray, origin: NDArray, photo: Camera) -> NDArray:
     return (np.maximum(z, 0) / photo.focal).astype(np.float32)
 
 
+def nearest_pixels(means: NDArray, origin: NDArray, photos: Iterable[Camera]) -> NDArray:
+    """The same of the photo that shows each of (N, 3) Gaussians largest; 0 for those behind all photos."""
+    least = np.full(len(means), np.inf, np.float32)
+    for photo in photos:
+        width = own_pixels(means, origin, photo)
+        np.minimum(least, width, out=least, where=width > 0)
+    return np.where(np.isfinite(least), least, np.float32(0))
+
+
 def widened(gaussians: Gaussians, variance: float) -> Gaussians:
     """Gaussians whose covariance is Σ + variance · (z/f)² · 1: closed surfaces wherever they are drawn.
 
@@ -36,20 +46,24 @@ def widened(gaussians: Gaussians, variance: float) -> Gaussians:
     renderers that know of screen pixels alone, seen from closer than the photos or larger.
 
     Args:
-        gaussians: per pixel, with cameras; all layers are widened by pixels of layer 0.
+        gaussians: per pixel, with cameras, all layers of which are widened by pixels of layer 0; or a list that knows
+            its photos, by pixels of that which shows each largest.
         variance: own pixels².
 
     Raises:
-        InputError: a list, or a variance that is no finite number ≥ 0.
+        InputError: a list that knows no photos, or a variance that is no finite number ≥ 0.
     """
-    if not gaussians.is_per_pixel:
-        raise InputError("a list has no pixels of its own", where="dilate")
+    if not (gaussians.is_per_pixel or gaussians.viewpoints):
+        raise InputError("a list that knows no photos has no pixels of its own", where="dilate")
     if not (isinstance(variance, Real) and 0 <= variance < math.inf):
         raise InputError(f"{variance!r}, expected a finite number ≥ 0 in own pixels²", where="dilate")
 
     def scales(layer: Gaussians) -> NDArray:
-        views = zip(layer.means, gaussians.cameras, strict=True)
-        pixels = np.stack([own_pixels(means, gaussians.origin, photo) for means, photo in views])
+        if gaussians.is_per_pixel:
+            views = zip(layer.means, gaussians.cameras, strict=True)
+            pixels = np.stack([own_pixels(means, gaussians.origin, photo) for means, photo in views])
+        else:
+            pixels = nearest_pixels(layer.means, gaussians.origin, gaussians.viewpoints)
         added = np.float64(variance) * np.square(pixels, dtype=np.float64)
         return np.sqrt(np.square(layer.scales, dtype=np.float64) + added[..., None])
 

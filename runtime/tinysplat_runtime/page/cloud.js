@@ -34,6 +34,16 @@ function pixelIn({ K: [fx, skew, fy, cx, cy], rotation, position }, point) {
   return [(fx * dot(rotation[0], ray)) / z + skew * y + cx, fy * y + cy, z];
 }
 
+// How wide a pixel is, where a point lies, of the view that shows it largest; 0 behind all of them.
+function nearestPixel(views, point) {
+  let least = Infinity;
+  for (const { K, rotation, position } of views) {
+    const width = dot(rotation[2], add(point, position, -1)) / Math.sqrt(K[0] * K[2]);
+    if (width > 0 && width < least) least = width;
+  }
+  return least < Infinity ? least : 0;
+}
+
 // How much of its opacity is drawn of what lies at a pixel of its view: less towards the edges, where other views go on
 // or a backdrop without detail, and less the farther beyond them. Squared, as many Gaussians lie over one another.
 export function fadeAt({ width, height }, isFront, x, y) {
@@ -44,9 +54,11 @@ export function fadeAt({ width, height }, isFront, x, y) {
 }
 
 // scene: { count, means (3n, page units), scales (3n), quats (4n, wxyz), opacities (n), sh (3·functions·n), functions,
-// parts: [{ view, isFront, from, to }], views }; parts cover all Gaussians, and view is -1 where they are of none.
+// parts: [{ view, isFront, from, to }], views, hasCameras }; parts cover all Gaussians, and view is -1 where they are of
+// none. Views are those of photos where it has cameras.
 export function makeCloud(scene) {
   const { count, means, opacities, parts, views } = scene;
+  const photos = scene.hasCameras ? views : [];
   const words = new Uint32Array(8 * count);
   const floats = new Float32Array(words.buffer);
   for (const { view, isFront, from, to } of parts) {
@@ -58,7 +70,7 @@ export function makeCloud(scene) {
       floats.set(point, at);
       const [x, y, z] = camera ? pixelIn(camera, point) : [0, 0, 0];
       const fade = camera ? Math.round(255 * fadeAt(camera, isFront, x, y)) : 255;
-      const own = z > 0 ? lengthCode(z / focal) : 0;
+      const own = lengthCode(camera ? z / focal : nearestPixel(photos, point));
       words[at + 3] = Math.round(255 * opacities[i]) | ((view + 1) << 8) | (fade << 24);
       fillShape(scene, i, words, at + 4, own);
     }

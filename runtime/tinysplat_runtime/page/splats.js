@@ -86,12 +86,14 @@ void main() {
   vec3 m2 = across(jacobian(rows[1], rows[2], clamped.y, point.z), q, s);
   vec3 area = cross3(m1, m2);
   float a = dot3(m1, m1), b = dot3(m1, m2), c = dot3(m2, m2), det = dot3(area, area);
-  vec2 wider = widening(a, b, c, det, focal * length16(second.w >> 16) / point.z);
+  uint view = (first.w >> 8) & 0xffffu;
+  float own = focal * length16(second.w >> 16) / point.z;
+  if (view == 0u && own > 0.0) own = max(own, 1.0); // a list is as it was trained from afar
+  vec2 wider = widening(a, b, c, det, own);
   det += wider.x * (a + c + wider.x);
   a += wider.x;
   c += wider.x;
   opacity *= wider.y;
-  uint view = (first.w >> 8) & 0xffffu;
   float part = isCopy ? texelFetch(shares, ivec2(view, 0), 0).x : 1.0; // of its alphas, that the picture in front has
   if (fades) opacity *= float(first.w >> 24) / 255.0;
   float reach = log(opacity / LEAST_ALPHA); // the exponent at which the footprint ends

@@ -30,7 +30,8 @@ pixels (RIGHT < 0: not visible), 1/αx where `CHORD_PX` says so and else 0; the 
 and then how much is drawn in front (`kernels_blend.composite_tile`)."""
 
 GEOMETRY = 14
-"""Planes of a chunk: means (3), principal axes (9, row by row), log opacity, own pixel (0 for none)."""
+"""Planes of a chunk: means (3), principal axes (9, row by row), log opacity, own pixel (0 for none, negative
+of a list)."""
 
 MEAN, AXES, OPACITY, OWN_PIXEL = 0, 3, 12, 13
 """Where in `GEOMETRY` they begin."""
@@ -147,9 +148,9 @@ def _shapes(geometry: NDArray, start: Number, view: ViewNumbers, work: NDArray) 
         c0, c1, c2 = geometry[at + P[AXES + 6]], geometry[at + P[AXES + 7]], geometry[at + P[AXES + 8]]
         m0, m1, m2 = j0 * a0 + j1 * b0 + j2 * c0, j0 * a1 + j1 * b1 + j2 * c1, j0 * a2 + j1 * b2 + j2 * c2
         n0, n1, n2 = k0 * a0 + k1 * b0 + k2 * c0, k0 * a1 + k1 * b1 + k2 * c1, k0 * a2 + k1 * b2 + k2 * c2
-        own_pixel = clipped(geometry[at + P[OWN_PIXEL]] * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
+        own_pixel = clipped(abs(geometry[at + P[OWN_PIXEL]]) * _F(focal) * s, _LEAST_OWN, _MOST_OWN)
         own = _DILATION * own_pixel * own_pixel
-        own = own if geometry[at + P[OWN_PIXEL]] > _F(0) else _DILATION
+        own = own if geometry[at + P[OWN_PIXEL]] > _F(0) else max(own, _DILATION)
         width, height = m0 * m0 + m1 * m1 + m2 * m2, n0 * n0 + n1 * n1 + n2 * n2
         b, across = m0 * n0 + m1 * n1 + m2 * n2, width - height
         d0, d1, d2 = m0 * n1 - n0 * m1, m1 * n2 - n1 * m2, m2 * n0 - n2 * m0

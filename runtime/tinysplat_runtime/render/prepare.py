@@ -6,14 +6,14 @@ floats. A block is sized so that its temporaries stay in a core's L2 cache while
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussian.footprints import own_pixels
+from ..gaussian.footprints import nearest_pixels, own_pixels
 from ..gaussian.gaussians import FIELDS, Gaussians
 from ..gaussian.quaternions import normalize_quats, rotation_entries
 from ..scene.cameras import Camera
@@ -36,7 +36,8 @@ class Block:
         quats: (n, 4) float32 and
         scales: (n, 3) float32 as given, for the few rows that need `axes` in float64.
         own_pixels: (n,) float32, how wide a pixel of the photo that each stands for is at its depth: z / f of its own
-            view, scene units; 0 where it lies behind that view. None where they are of no known photo.
+            view, scene units; 0 where it lies behind that view. Of a list, of the photo that shows each largest, and
+            negative. None where they are of no known photo.
     """
 
     means: NDArray
@@ -85,14 +86,14 @@ class Part:
         is_surface: whether they are of layer 0.
         rows: their arrays by name, (n, …).
         origin: (3,) float64, of the Gaussians.
-        photo: the view whose pixels they stand for; None where they are of no known photo.
+        photos: the view whose pixels they stand for, or those that a list was made of; empty where none is known.
     """
 
     view: int
     is_surface: bool
     rows: Mapping[str, NDArray]
     origin: NDArray
-    photo: Camera | None
+    photos: Sequence[Camera]
 
     @property
     def size(self) -> int:
@@ -106,14 +107,16 @@ class Part:
         """
         means, own = np.ascontiguousarray(self.rows["means"].T), 0.0  # numpy is slow along a short axis
         low, high = means.min(axis=1), means.max(axis=1)
-        if self.photo is not None:  # which grows along one direction, so that it is widest in a corner
+        if self.photos:  # which grows along one direction, so that it is widest in a corner
             corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-            own = float(own_pixels(corners, self.origin, self.photo).max())
+            own = max(float(own_pixels(corners, self.origin, photo).max()) for photo in self.photos)
         return np.array([*low, *high, self.rows["scales"].max(), own])
 
     def own_pixels(self) -> NDArray | None:
         """As `Block.own_pixels`."""
-        return None if self.photo is None else own_pixels(self.rows["means"], self.origin, self.photo)
+        if self.view >= 0 and self.photos:
+            return own_pixels(self.rows["means"], self.origin, self.photos[0])
+        return -nearest_pixels(self.rows["means"], self.origin, self.photos) if self.photos else None
 
     def block(self, keep: NDArray | None = None) -> Block:
         """The Gaussians, or of them those where `keep` (n,) bool is true, without those that can never show."""
@@ -141,17 +144,18 @@ def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = Tru
     Args:
         gaussians: with cameras if `by_view`.
         by_view: cut between views, too, and say what view they are of.
-        own_pixels: then say, too, of what photo's pixels they are.
+        own_pixels: say, too, of what photos' pixels they are.
     """
     for layer in gaussians.layers:
         grids = enumerate(gaussians.cameras) if by_view else [(-1, None)]
         for view, photo in grids:
             arrays = {name: getattr(layer, name) if photo is None else getattr(layer, name)[view] for name in FIELDS}
-            yield from _cut(view, layer is gaussians, arrays, gaussians.origin, photo if own_pixels else None)
+            photos = (gaussians.viewpoints if photo is None else (photo,)) if own_pixels else ()
+            yield from _cut(view, layer is gaussians, arrays, gaussians.origin, photos)
 
 
 def _cut(
-    view: int, is_surface: bool, arrays: Mapping[str, NDArray], origin: NDArray, photo: Camera | None
+    view: int, is_surface: bool, arrays: Mapping[str, NDArray], origin: NDArray, photos: Sequence[Camera]
 ) -> Iterator[Part]:
     """Cut a view of a layer, or all of them; arrays by name, with any shape before what a Gaussian has of each."""
     count = arrays["opacities"].size
@@ -159,4 +163,4 @@ def _cut(
     flat = {name: arrays[name].reshape(count, *shape) for name, shape in own.items()}
     for start in range(0, count, BLOCK_SIZE):
         rows = {name: array[start : start + BLOCK_SIZE] for name, array in flat.items()}
-        yield Part(view, is_surface, rows, origin, photo)
+        yield Part(view, is_surface, rows, origin, photos)

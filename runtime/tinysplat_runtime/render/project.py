@@ -181,7 +181,7 @@ def may_show(part: Block | Part, view: View, every: int = 1) -> NDArray:
     point = np.einsum("ij,jn->in", view.projection, means + view.offset[:, None])
     depth = point[2]
     largest = np.maximum(np.maximum(scales[:, 0], scales[:, 1]), scales[:, 2])
-    widened = depth if own is None else np.maximum(depth, own * view.camera.focal)
+    widened = depth if own is None else np.maximum(depth, np.abs(own) * view.camera.focal)
     widened = math.sqrt(DILATION) * widened
     shows = depth > view.near_plane
     for axis, (size, row) in enumerate(zip((view.camera.width, view.camera.height), _longest_rows(view), strict=True)):
@@ -313,8 +313,8 @@ def _factors(
     trace, own = width + height, None
     dilation: NDArray | float = DILATION
     if own_pixels is not None:
-        own = DILATION * np.square(np.clip(own_pixels, LEAST_OWN_PIXEL, math.sqrt(LIMIT)))
-        own = np.where(own_pixels > 0, own, np.float32(DILATION))
+        own = DILATION * np.square(np.clip(np.abs(own_pixels), LEAST_OWN_PIXEL, math.sqrt(LIMIT)))
+        own = np.where(own_pixels > 0, own, np.maximum(own, np.float32(DILATION)))
         largest = 0.5 * (trace + np.hypot(width - height, 2 * b))
         dilation = np.maximum(own - area / np.maximum(largest, LEAST_VARIANCE), DILATION)
     a, c = width + dilation, height + dilation

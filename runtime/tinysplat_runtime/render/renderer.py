@@ -218,7 +218,7 @@ def render(
 ) -> Any:
     """Render Gaussians by exact EWA splatting, without 3DGS's 3σ cut, and fit to be seen from closer and between views.
 
-    With `dilation="screen"` and `order="depth"`, and of Gaussians without cameras always, pictures are those that 3DGS
+    With `dilation="screen"` and `order="depth"`, and of lists that know no photos always, pictures are those that 3DGS
     defines; docs/CONVENTIONS.md, "Drawing", says exactly what is drawn.
 
     Every Gaussian reaches all pixels where its alpha is at least 1/255; means at a depth z ≤ `near_plane` are
@@ -230,7 +230,8 @@ def render(
         camera: where from; K may be skewed and its principal point anywhere.
         size: (H, W) to render at instead of the camera's, which is scaled to cover it and cropped.
         dilation: "own" widens a splat by the photo's pixel that it stands for, so that surfaces stay closed from
-            however near, and from afar hide no more than they should; "screen" by 0.3 px² of the picture's.
+            however near, and from afar hide no more than they should (of a list that knows its photos by that of the
+            nearest one, from nearer than it); "screen" by 0.3 px² of the picture's.
         order: "near" draws the surfaces of near views before everything else (`near.py` says how much of which);
             "depth" all Gaussians by depth.
         threads: how many to use, None for one per available core; the picture is the same, bit for bit.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...gaussian.footprints import own_pixels
+from ...gaussian.footprints import nearest_pixels
 from ...gaussian.gaussians import Gaussians
 from ...render.gradient import PhotoError, Target
 from ...scene.cameras import Camera
@@ -173,8 +173,5 @@ def _without(logits: NDArray, absent: NDArray) -> NDArray:
 
 def units(gaussians: Gaussians, cameras: Sequence[Camera]) -> NDArray:
     """(N,) float32 width of a pixel of the view that shows each largest, scene units."""
-    widths = np.full(gaussians.count, np.inf, np.float32)
-    for camera in cameras:
-        width = own_pixels(gaussians.means, gaussians.origin, camera)
-        np.minimum(widths, width, out=widths, where=width > 0)
-    return np.where(np.isfinite(widths), widths, 1)
+    widths = nearest_pixels(gaussians.means, gaussians.origin, cameras)
+    return np.where(widths > 0, widths, np.float32(1))
