@@ -89,7 +89,7 @@ def test_curves_that_jump_give_the_nearest_file_on_the_right_side():
 class Settling(Curve):
     """What is settled at Q_g has a curve of its own, of steps alone, through the point that this one has there."""
 
-    settles = True
+    near: tuple[float, float] = (0.3, 0.05)
     steps: float = 0.05
 
     def settled(self, qp: float) -> Curve:
@@ -104,6 +104,17 @@ def test_what_takes_long_is_settled_few_times_on_the_way_to_a_size(fall, share, 
     data = code_to_size(coder, target)
     assert (1 - SIZE_TOLERANCE) * target <= len(data) + 1 <= target + 1
     assert len(coder.asked) <= 4
+
+
+@given(wanted=st.floats(20, 60), given_back=st.floats(0, 2))
+def test_a_fidelity_is_reached_that_steps_do_not_give_back(wanted, given_back):
+    class Losing(Settling):
+        def settled(self, qp: float) -> Curve:
+            settled = Curve(self.size)
+            settled.code = lambda at: repr(40 - 0.7 * qp - 0.3 * max(at, qp - given_back)).encode()
+            return settled
+
+    assert float(code_to_psnr(Losing(octaves(0, 0.1, 0)), wanted, float)) >= wanted
 
 
 @pytest.mark.parametrize("better", [True, False])

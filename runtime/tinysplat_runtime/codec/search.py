@@ -22,9 +22,8 @@ PSNR_TOLERANCE = 0.2
 """A file of a target PSNR has at least that many dB, and at most this many more where steps allow it."""
 
 _TRIALS, _OTHER_TRIALS, _SETTLINGS = 14, 6, 4
-_NEAR_OCTAVES, _NEAR_DB = (0.3, 0.05), (2.5, 0.3)
-"""Below and above a target, octaves of bytes and dB, from where steps alone go the rest of the way: finer ones as well
-as if the coder had settled for the target; coarser ones lose more than it would."""
+_NEAR_DB = 0.8
+"""Above a target, from where coarser steps alone go the rest of the way; finer ones do not give back what was lost."""
 
 _LEAST_STEP = 0.02
 """Of Q_g, within which no second file is coded."""
@@ -41,12 +40,13 @@ class Coder(ABC):
     Attributes:
         profile: how planes are coded.
         db_per_qp: typical fall of the PSNR, for the first guesses.
-        settles: whether `settled` saves time.
+        near: octaves of bytes below and above a target from where steps of what is `settled` alone do about as well the
+            rest of the way; None where nothing takes long.
     """
 
     profile: Profile
     db_per_qp = 0.95
-    settles = False
+    near: tuple[float, float] | None = None
 
     @abstractmethod
     def code(self, qp: float) -> bytes:
@@ -83,11 +83,12 @@ def code_to_size(coder: Coder, target: int) -> bytes:
         InputError: the coarsest steps give more; says how much.
     """
     low, high = math.log2((1 - SIZE_TOLERANCE) * target), math.log2(target)
-    aim, near = (1 - SIZE_TOLERANCE / 2) * target, (low - _NEAR_OCTAVES[0], high + _NEAR_OCTAVES[1])
+    aim, (below, above) = (1 - SIZE_TOLERANCE / 2) * target, coder.near or (0.0, 0.0)
 
     def slope(coder: Coder) -> float:
         return coder.expect(aim)[1]
 
+    near = low - below, high + above
     tried = _files(coder, lambda data: math.log2(len(data)), (low, high), near, slope, coder.expect(aim)[0])
     files = [file.data for file in tried]
     within = [data for data in files if len(data) <= target]
@@ -103,7 +104,7 @@ def code_to_psnr(coder: Coder, target: float, measure: Callable[[bytes], float])
     Raises:
         InputError: no file has as many; says the most that one has.
     """
-    wanted, near = (target, target + PSNR_TOLERANCE), (target - _NEAR_DB[0], target + _NEAR_DB[1])
+    wanted, near = (target, target + PSNR_TOLERANCE), (target, target + _NEAR_DB)
     files = list(_files(coder, measure, wanted, near, lambda coder: coder.db_per_qp))
     met = [file for file in files if file.score >= target]
     if not met:
@@ -129,7 +130,7 @@ def _files(
     """Files on the way to a score that is wanted, as `tries` makes them; a coder that settles something does so on the
     way to a score that is `near`.
     """
-    if not coder.settles:
+    if coder.near is None:
         yield from tries(coder.code, score, *wanted, slope(coder), start=start)
         return
 
@@ -137,13 +138,18 @@ def _files(
         settled = coder.settled(qp)
         return settled, settled.code(qp)
 
-    *_, last = tries(settle, lambda made: score(made[1]), *near, slope(coder), start=start, count=_SETTLINGS)
-    settled, data = last.data
+    made: list[Try[tuple[Coder, bytes]]] = []
+    for one in tries(settle, lambda made: score(made[1]), *near, slope(coder), start=start):
+        made.append(one)
+        if len(made) >= _SETTLINGS and any(one.score >= near[0] for one in made):
+            break
+    first = max((one for one in made if one.score >= near[0]), key=lambda one: one.qp, default=made[-1])
+    settled, data = first.data
 
     def code(qp: float) -> bytes:
-        return data if qp == last.qp else settled.code(qp)
+        return data if qp == first.qp else settled.code(qp)
 
-    yield from tries(code, score, *wanted, slope(settled), start=last.qp)
+    yield from tries(code, score, *wanted, slope(settled), start=first.qp)
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,10 @@ OCTAVES_PER_QP, OCTAVES_PRUNED = 0.1, 0.16
 """By which bytes fall over Q_g, of the same Gaussians and of those that are worth their bytes."""
 
 
+NEAR_PLACE, NEAR_OBJECT = (0.3, 0.05), (0.08, 0.05)
+"""See `Coder.near`: of an object, more of the error is that of what is left out, which finer steps do not give back."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Block:
     """A block of the list.
@@ -88,7 +92,6 @@ class PruningEncoder(Coder):
         profile: how planes are coded.
     """
 
-    settles = True
     db_per_qp = 1.2
 
     def __init__(
@@ -107,6 +110,7 @@ class PruningEncoder(Coder):
         until = time.monotonic() + seconds
         # removers hold it, and would hold the encoder with a method of its
         self._is_late: Callable[[], bool] = lambda: time.monotonic() > until
+        self.near = NEAR_OBJECT if views.is_object else NEAR_PLACE
         terms = OBJECT if views.is_object else DENSE_PLACE.towards(SPARSE_PLACE, rounding.steps.sparse)
         self._slope, self._rounding = terms.slope, rounding.times(terms.steps)
         with job.stats.watch.stage("rank"):
