@@ -83,16 +83,6 @@ def cells_in(grid: PointGrid, space: NDArray) -> NDArray:
     return np.rint(space / grid.cell).clip(0, (1 << MAX_LEVELS) - 1)
 
 
-def places_in(grid: PointGrid, means: NDArray) -> NDArray:
-    """(N, 3) float64, where positions lie in cells from the lowest corner; not bounded by it."""
-    return (_contracted((means.astype(np.float64) - grid.centre) / grid.radius) - grid.low) / grid.cell
-
-
-def sides_in(grid: PointGrid, means: NDArray) -> NDArray:
-    """(N, 3) float64, scene units from one cell to the next about positions."""
-    return grid.cell * np.maximum(np.abs(means - grid.centre), grid.radius)
-
-
 def means_of(grid: PointGrid, cells: NDArray) -> NDArray:
     """(N, 3) float32 positions of (N, 3) cells."""
     space = _uncontracted(grid.low + cells * grid.cell)

@@ -8,12 +8,11 @@ cost nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...codec.depth_step.blocks import whole_steps
 from ...container.list import ListChannel, WeightClasses
 from .planes import from_plane
 
@@ -63,19 +62,6 @@ class Numbers:
     def alike(cls, count: int, value: float) -> Numbers:
         """All of them the same."""
         return cls(None, 0.0, 0.0, np.ones(count), value)
-
-    @property
-    def steps(self) -> NDArray:
-        """(N,) float64 between numbers next to each other; infinite where all are the same."""
-        return np.full(len(self.gains), np.inf) if self.codes is None else self.scale * self.gains
-
-    def nearest(self, values: NDArray) -> NDArray:
-        """(N,) float64, what others (N,) become where they are rounded as these are."""
-        if self.codes is None:
-            return self[:]
-        numbers = ((values - self.centre) / self.gains).astype(np.float32)
-        whole = whole_steps((numbers - self.offset) / self.scale)
-        return replace(self, codes=whole)[:]
 
     def __getitem__(self, rows: slice) -> NDArray:
         """Some of them, float64."""

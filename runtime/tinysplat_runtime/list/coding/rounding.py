@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...gaussian.gaussians import Gaussians
-from ...gaussian.planes import PlaneClass
 from ...scene.cameras import Camera
 from ...system import disk
 from ...system.decibels import decibels
@@ -24,10 +23,8 @@ from ..evenness import sizes_about
 from ..views import Views, pictures_of, views_of_block
 from ..visible import taken
 from .attributes import LEAST_SCALE, to_columns
-from .channels import ChannelCoder, PlacedTier, code_colours, code_shapes, decoded, sources_of
-from .colours import Palette
-from .decoder import arrays_by_tier, fill
-from .grid import cells_in, grid_of, means_of, places_in, sides_in
+from .channels import ChannelCoder, PlacedTier, code_colours, code_shapes, decoded
+from .grid import cells_in, grid_of
 from .levels import WHOLE
 from .steps import DENSE_PLACE, OBJECT, OBJECT_DB, PLACE_DB, SPARSE, Steps, of_pictures
 
@@ -82,67 +79,19 @@ class Rounding:
         """(N,) what cells of positions follow, as `grid_of` takes it."""
         return None if self.is_object else sizes_about(gaussians)
 
-    def lattice(self, gaussians: Gaussians, qp: float, threads: int = 1) -> Lattice:
-        """Where the numbers of (N,) Gaussians can lie at Q_g."""
+    def rounded(self, gaussians: Gaussians, qp: float, threads: int = 1) -> Gaussians:
+        """About what a decoder will see of (N,) Gaussians in a file of one tier at Q_g, in the order given.
+
+        Without x265 and the octree's bytes, which take most of the time.
+        """
         steps = self.at(qp)
         grid, space = grid_of(gaussians.means.astype(np.float64), self.sizes(gaussians), steps.cell)
         rows = np.arange(gaussians.count)
         tier = PlacedTier(WHOLE[0], rows, grid, cells_in(grid, space), to_columns(gaussians, rows))
         code = ChannelCoder(steps, None, Crew(threads).map)
         middle = code_shapes([tier], code).size_middle
-        return Lattice(tier, middle, code_colours([tier], code, gaussians.sh, [rows]), gaussians.origin)
-
-    def rounded(self, gaussians: Gaussians, qp: float, threads: int = 1) -> Gaussians:
-        """About what a decoder will see of (N,) Gaussians in a file of one tier at Q_g, in the order given.
-
-        Without x265 and the octree's bytes, which take most of the time.
-        """
-        return self.lattice(gaussians, qp, threads).gaussians()
-
-
-@dataclass(frozen=True, eq=False)
-class Lattice:
-    """Where the numbers of N Gaussians can lie, by those that a list of them had.
-
-    Attributes:
-        tier: the list, rounded.
-        size_middle: as `ListScene` has it.
-        palette: principal components of its colours.
-        origin: of its means.
-    """
-
-    tier: PlacedTier
-    size_middle: float
-    palette: Palette
-    origin: NDArray
-
-    @property
-    def steps(self) -> dict[tuple[PlaneClass, int], NDArray]:
-        """(N,) float64 by class and target: of positions in scene units, of other channels in their own (FORMAT.md,
-        "Lists"), infinite where a channel is the same number for all.
-        """
-        sides = sides_in(self.tier.grid, means_of(self.tier.grid, self.tier.cells))
-        positions = {(PlaneClass.POSITION, axis): sides[:, axis] for axis in range(3)}
-        return positions | {one.channel.record.key: one.values.steps for one in self.tier.coded}
-
-    def gaussians(self) -> Gaussians:
-        """The list, rounded."""
-        fields = decoded([self.tier], self.size_middle, self.palette.mean, self.palette.basis)
-        return Gaussians.unchecked(**fields, origin=self.origin)
-
-    def rounded(self, gaussians: Gaussians) -> Gaussians:
-        """(N,) Gaussians in the same order, such as those of the list after some steps of training, where they can lie:
-        the nearest that there is along each channel.
-        """
-        sources = sources_of(to_columns(gaussians, self.tier.rows), self.size_middle)
-        flat = gaussians.sh.reshape(gaussians.count, -1)
-        for first, components in self.palette.components(flat, self.tier.rows):
-            sources |= {(PlaneClass.COLOR, first + number): values for number, values in enumerate(components)}
-        found = {(key := one.channel.record.key): one.values.nearest(sources[key]) for one in self.tier.coded}
-        fields, _ = arrays_by_tier([gaussians.count], flat.shape[1])
-        fields["means"][:] = means_of(self.tier.grid, np.rint(places_in(self.tier.grid, gaussians.means)))
-        fill(fields, found, self.size_middle, self.palette.mean, self.palette.basis)
-        return gaussians.changed(**fields)
+        palette = code_colours([tier], code, gaussians.sh, [rows])
+        return Gaussians.unchecked(**decoded([tier], middle, palette.mean, palette.basis), origin=gaussians.origin)
 
 
 def _steps_of(gaussians: Gaussians, views: Views, threads: int) -> Steps:
