@@ -33,8 +33,14 @@ from tinysplat_runtime.system.stopwatch import Stopwatch
 
 INVERSE_DEPTH_COLORS = np.array([[13, 8, 60], [70, 20, 140], [190, 55, 110], [248, 140, 60], [252, 250, 190]]) / 255
 
-WALK_PHOTOS, WALK_SIDE, WALK_FRAMES = 20, 192, 60
-"""Photos along a room, every fourth of which is left out (`Capture`), their side, and frames of the film."""
+WALK_PHOTOS, WALK_SIDE = 20, 192
+"""Photos along a room, every fourth of which is left out (`Capture`), and their side."""
+
+WALKED_SIDE = 144
+"""What the demo makes of it, to be done within a minute."""
+
+PAIR_FRAMES, WALK_FRAMES = 12, 40
+"""Of the films."""
 
 ZOOM = 3
 """How much larger than the photos the scene is drawn to look at it from close by."""
@@ -79,7 +85,7 @@ def run(scene: ts.Scene, profile: str, out: Path, runtime: ts.Runtime) -> dict[s
         row = np.concatenate([photos[view], raw, pictures["rgb"], depth_picture(pictures["depth"])], axis=1)
         write_png(out / f"{name}_view{view}.png", row)
     write_png(out / f"{name}_closer.png", closer(renderer, scene.cameras[0]))
-    write_video(out / f"{name}.mp4", (renderer.render(c) for c in between(scene.cameras, 30)))
+    write_video(out / f"{name}.mp4", (renderer.render(c) for c in between(scene.cameras, PAIR_FRAMES)))
     raw_bytes = sum(getattr(layer, field).nbytes for layer in gaussians.layers for field in FIELDS)
     return {
         "size": f"{width}x{height}",
@@ -98,7 +104,7 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
     """
     folder = out / "room"
     write_room(folder, WALK_PHOTOS, WALK_SIDE, WALK_SIDE)
-    capture, watch = Capture.of(ts.load_scene(folder)), Stopwatch()
+    capture, watch = Capture.of(ts.load_scene(folder).resized(WALKED_SIDE, WALKED_SIDE)), Stopwatch()
     with watch.stage("encode"):
         data = runtime.encode(capture.others, mode="list")
     (out / "walk.tsplat").write_bytes(data)
@@ -109,7 +115,7 @@ def walk(out: Path, runtime: ts.Runtime) -> str:
     write_png(out / "walk.png", np.concatenate([np.concatenate(list(row), axis=1) for row in (photos, drawn)]))
     write_video(out / "walk.mp4", map(renderer.render, between(capture.others.cameras, WALK_FRAMES)))
     found, given = mean_psnr(drawn, photos), len(capture.others.frames)
-    size = f"a walk, {given} photos of {WALK_SIDE}x{WALK_SIDE} as one list: {len(data) / 1000:.0f} KB"
+    size = f"a walk, {given} photos of {WALKED_SIDE}x{WALKED_SIDE} as one list: {len(data) / 1000:.0f} KB"
     return (
         f"{size} in {watch.seconds['encode']:.1f} s; photos left out are drawn at {found:.1f} dB: {out / 'walk.html'}"
     )
@@ -133,6 +139,7 @@ def main() -> int:
         print(f"{folder}: 2 photos and their cameras\n{out / 'room'}: {WALK_PHOTOS} photos and their cameras")
         return 0
     full, runtime = ts.load_scene(folder), ts.Runtime()
+    print("a pair at two sizes, then a walk: about a minute of one core, a quarter of it to compile, once", flush=True)
     rows = []
     for scene in (full.resized(256, 256), full):
         with working(f"photos of {scene.cameras[0].width}x{scene.cameras[0].height}", quiet=False):
