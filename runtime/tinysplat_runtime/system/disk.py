@@ -29,7 +29,7 @@ TOGETHER = 6
 LEAST_BYTES = 1 << 22
 """Smaller arrays stay in memory too."""
 
-HELD_BYTES = 150_000_000
+HELD_BYTES = 75_000_000
 """Memory that these arrays hold at most, except briefly; enough for what is worked on together, unless it is large."""
 
 LASTING = Path("/var/tmp")

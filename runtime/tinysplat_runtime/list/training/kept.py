@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...gaussian.gaussians import Gaussians
 from ...scene.cameras import Camera
 from ...scene.neighbours import nearest_places, view_places
+from ...system import disk
 
 LOOKED_AT = 8
 """Nearest views that a Gaussian is held against."""
@@ -42,17 +43,20 @@ def opacities_kept(gaussians: Gaussians, run_jobs: Callable = map) -> list[NDArr
         run_jobs: maps a function over a list, on any number of threads.
     """
     views = range(len(gaussians.cameras))
-    depths = [_depths(gaussians, view) for view in views]
-    near = _near(gaussians.cameras, depths)
-    parts = [(number, view) for number in range(len(gaussians.layers)) for view in views]
-    kept = list(run_jobs(lambda part: _opacities(gaussians, part, near[part[1]], depths), parts))
-    by_layer = [kept[len(views) * number : len(views) * (number + 1)] for number in range(len(gaussians.layers))]
-    return [
-        np.stack(parts).reshape(layer.opacities.shape) for parts, layer in zip(by_layer, gaussians.layers, strict=True)
-    ]
+    depths = disk.zeros(gaussians.opacities.shape)
+    for view in views:
+        depths[view] = _depths(gaussians, view)
+    near, kept = _near(gaussians.cameras, depths), [disk.zeros(layer.opacities.shape) for layer in gaussians.layers]
+
+    def fill(part: tuple[int, int]) -> None:
+        number, view = part
+        kept[number][view].flat = _opacities(gaussians, part, near[view], depths)
+
+    list(run_jobs(fill, [(number, view) for number in range(len(kept)) for view in views]))
+    return kept
 
 
-def _opacities(gaussians: Gaussians, part: tuple[int, int], near: Sequence[int], depths: Sequence[NDArray]) -> NDArray:
+def _opacities(gaussians: Gaussians, part: tuple[int, int], near: Sequence[int], depths: NDArray) -> NDArray:
     """(n,) float32 opacities of a layer and view, by their numbers; −1 for what goes."""
     number, view = part
     layer, is_surface = gaussians.layers[number], number == 0
@@ -63,7 +67,7 @@ def _opacities(gaussians: Gaussians, part: tuple[int, int], near: Sequence[int],
 
 
 def _judged(
-    means: NDArray, view: int, near: Sequence[int], gaussians: Gaussians, depths: Sequence[NDArray], is_surface: bool
+    means: NDArray, view: int, near: Sequence[int], gaussians: Gaussians, depths: NDArray, is_surface: bool
 ) -> tuple[NDArray, NDArray, NDArray]:
     """What near views say of a view's Gaussians, and of those of further layers its own surface, as fine as any.
 
@@ -110,10 +114,10 @@ def _depths(gaussians: Gaussians, view: int) -> NDArray:
     return np.where(z > 0, z, np.inf).astype(np.float32)
 
 
-def _near(cameras: Sequence[Camera], depths: Sequence[NDArray]) -> list[list[int]]:
+def _near(cameras: Sequence[Camera], depths: NDArray) -> list[list[int]]:
     """For each view the nearest others."""
-    seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
-    middle = float(np.median(seen)) if seen.size else 1.0
+    seen = depths[np.isfinite(depths)]
+    middle = float(np.median(seen, overwrite_input=True)) if seen.size else 1.0
     places = view_places(cameras, middle, middle)
     nearest: list[list[int]] = nearest_places(places, min(LOOKED_AT, len(cameras) - 1)).tolist()
     return nearest

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...gaussian.gaussians import Gaussians, joined
 from ...gaussian.sh import resized_sh
+from ...system import disk
 from . import FEW_PHOTOS, LEAST_GAUSSIANS, MOST_GAUSSIANS
 from .contrast import contrast
 from .kept import opacities_kept
@@ -59,14 +60,19 @@ class Surface:
         Every surface counts once, in the view that shows it finest, and by the root of its contrast there: an edge
         needs Gaussians along it, and what lies beside it few. `run_jobs` maps a function over a list, on any threads.
         """
-        kept = opacities_kept(capture, run_jobs)
-        shape, finer = kept[0].shape[1:], photos[0][..., 0].size / kept[0][0].size
-        contrasts = np.stack([_of_size(contrast(photo)[..., None], *shape)[..., 0] for photo in photos])
-        weights = [np.maximum(kept[0], 0) * (1 + settings.texture * contrasts)]
-        weights += [np.maximum(layer, 0) * (1 + settings.texture * contrasts.mean()) for layer in kept[1:]]
+        weights = opacities_kept(capture, run_jobs)
+        shape, finer = weights[0].shape[1:], photos[0][..., 0].size / weights[0][0].size
+        contrasts = disk.zeros(weights[0].shape)
+        for own, photo in zip(contrasts, photos, strict=True):
+            own[:] = _of_size(contrast(photo)[..., None], *shape)[..., 0]
+        mean = contrasts.mean()
+        for number, layer in enumerate(weights):
+            for view, own in enumerate(layer):
+                own[:] = np.maximum(own, 0) * (1 + settings.texture * (mean if number else contrasts[view]))
         if not any(weight.any() for weight in weights):
             weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept
-        roots = np.sqrt(contrasts[weights[0] > 0])
+        roots = contrasts[weights[0] > 0]
+        np.sqrt(roots, out=roots)
         alone, least = roots.size / weights[0].size, 0 if len(photos) <= FEW_PHOTOS else 1
         finer *= min(max(1 / math.sqrt(settings.overlap * alone), least), MOST_DETAIL)
         asked = settings.detail * finer * float(roots.sum(dtype=np.float64))
@@ -85,21 +91,21 @@ class Surface:
         return parts[0].changed(**joined(parts))
 
 
-def further(
-    capture: Gaussians, wrong: Sequence[NDArray], count: int, settings: Settings, rng: np.random.Generator
-) -> Gaussians:
+def further(capture: Gaussians, wrong: NDArray, count: int, settings: Settings, rng: np.random.Generator) -> Gaussians:
     """Gaussians (about `count`,) of a capture's pixels, the more the more is wrong there.
 
     Args:
         capture: per pixel, with cameras.
-        wrong: by view, (H, W) float32.
+        wrong: (V, H, W) float32.
         count: how many.
         settings: how they begin.
         rng: chooses.
     """
     surface = capture.layers[0]
     shape = surface.opacities.shape[1:]
-    weight = np.stack([_of_size(view[..., None], *shape)[..., 0] for view in wrong]) * surface.opacities
+    weight = disk.zeros(surface.opacities.shape)
+    for own, view, opacities in zip(weight, wrong, surface.opacities, strict=True):
+        own[:] = _of_size(view[..., None], *shape)[..., 0] * opacities
     (chosen,) = _drawn(_odds([weight], count), count, rng)
     return _taken(surface, chosen, settings.added_size, settings.added_opacity, settings.functions)
 
@@ -116,17 +122,20 @@ def _of_size(picture: NDArray, height: int, width: int) -> NDArray:
 def _odds(weights: Sequence[NDArray], count: int) -> list[NDArray]:
     """Weights as odds, at most 1, that sum to `count`, or to all that have a weight."""
     scale = count / max(sum(float(weight.sum(dtype=np.float64)) for weight in weights), 1e-30)
-    for _ in range(_ROUNDS):
-        expected = sum(float(np.minimum(scale * weight, 1).sum(dtype=np.float64)) for weight in weights)
+    odds = [disk.zeros(weight.shape) for weight in weights]
+    for _ in range(_ROUNDS + 1):
+        for own, weight in zip(odds, weights, strict=True):
+            np.minimum(np.multiply(weight, np.float32(scale), out=own), np.float32(1), out=own)
+        expected = sum(float(own.sum(dtype=np.float64)) for own in odds)
         if not 0 < expected < 0.999 * count:
             break
         scale *= count / expected
-    return [np.minimum(np.float32(scale) * weight, np.float32(1)) for weight in weights]
+    return odds
 
 
 def _drawn(odds: Sequence[NDArray], count: int, rng: np.random.Generator) -> list[NDArray]:
     """Masks of what is drawn by its odds, `count` at most."""
-    masks = [rng.random(part.shape, np.float32) < part for part in odds]
+    masks = [np.stack([rng.random(view.shape, np.float32) < view for view in part]) for part in odds]
     drawn = [np.flatnonzero(mask) for mask in masks]
     surplus = sum(map(len, drawn)) - count
     if surplus > 0:

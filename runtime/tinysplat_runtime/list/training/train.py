@@ -24,6 +24,7 @@ from ...render.gradient import Target
 from ...render.prepare import ALPHA_MIN
 from ...scene.cameras import Camera
 from ...scene.viewpoints import viewpoint_of
+from ...system import disk
 from ...system.progress import running
 from ...system.threads import Crew, available_cores
 from ...system.told import NOBODY, Told
@@ -252,21 +253,22 @@ class _Training:
         new = start.further(self._capture, wrong, lacking, settings, self._rng)
         self._descent.add(self._field(new.changed(**joined([gaussians, new]))))
 
-    def _seen(self, gaussians: Gaussians) -> list[NDArray]:
+    def _seen(self, gaussians: Gaussians) -> NDArray:
         """Draw every photo once, to see how each was exposed.
 
         Returns:
-            By view, (H, W) |error|, smoothed; 0 where a photo knows nothing.
+            (V, H, W) float32 |error|, smoothed; 0 where a photo knows nothing.
         """
         draw = Renderer(gaussians, self._threads, **DEFINITION).render
-        logs, wrong = list[list[float]](), list[NDArray]()
+        camera, logs = self._cameras[0], list[list[float]]()
+        wrong = disk.zeros((len(self._gains), camera.height, camera.width))
         for view, target in enumerate(self._sizes[1]):
             exposed = self._exposed(view, 1)
             picture, known = draw(exposed.camera), np.isfinite(target.photo[..., 0])
             shown, photo = picture[known], target.photo[known]
             logs.append([log_gain(shown[:, colour], photo[:, colour]) for colour in range(3)])
             error = np.where(known[..., None], picture - exposed.photo, np.float32(0))
-            wrong.append(smoothed(np.abs(error).sum(axis=-1)))
+            wrong[view] = smoothed(np.abs(error).sum(axis=-1))
         # The median of each colour is 1: a photo that is exposed otherwise makes the scene neither darker nor brighter
         self._gains = np.exp(logs - np.median(logs, axis=0))
         return wrong
