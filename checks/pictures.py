@@ -87,6 +87,11 @@ PICTURES = {
         ENGINES, ["checks/engines.*", "runtime/tinysplat_runtime/web/adapters/*js"], "what checks/README.md says"
     ),
     "docs/dilated.webp": MadePicture(ENGINES, ["checks/engines.*"], "what checks/README.md says"),
+    "docs/rates.png": MadePicture(
+        "tinysplat bench rates SCENES && cp bench_report/plots/rates.png docs/rates.png",
+        ["benchmarks/reports/2026-11-30/rates.jsonl"],
+        "SCENES: the captures of docs/MEASURING.md",
+    ),
     "docs/steps.png": MadePicture(
         "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
         ["benchmarks/reports/2026-11-29/steps.jsonl"],

@@ -17,6 +17,7 @@ STUDIES = {
     "growth": "growth.GROWTH",
     "walk": "walking.WALK",
     "gate": "gate.GATE",
+    "rates": "rates.RATES",
     "corners": "corners.CORNERS",
     "poses": "placing.PLACING",
 }

@@ -1,0 +1,24 @@
+"""Bytes of other formats at as many decibels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tinysplat.measure.rows import Row
+from tinysplat.measure.studies.rates import LISTS, RATES, STUDY
+
+
+def file(way: str, size: int, kb: float, fitted: float) -> Row:
+    figures = {"bytes": 1000 * kb, "fitted": fitted, "fitted_ssim": 0.9, "fitted_worst": fitted, "gaussians": 1000}
+    return Row(STUDY, "room", way, {"size": size}, figures, {"cpu": 30.0})
+
+
+def test_bytes_of_other_formats_are_those_at_as_many_decibels(tmp_path: Path) -> None:
+    rows = [file(LISTS, 80, 100, 30), file(LISTS, 150, 150, 40)]
+    rows += [file("SPZ", 80, 200, 29), file("SPZ", 150, 400, 31)]  # 283 KB at 30 dB, none at 40
+    words = RATES.tables["rates in words"](rows)
+    assert "SPZ takes 2.8" in words
+    assert RATES.plots[STUDY](tmp_path / "rates.png", rows)
+    assert (tmp_path / "rates.png").is_file()
+    table = RATES.tables[STUDY](rows)
+    assert table.count("\n") == 3 and "200" in table and "40.00" in table
