@@ -1,18 +1,22 @@
 """What a list is going to be and to take, before anything is made of photos, or left out of Gaussians.
 
-Figures of photos are fitted to 34 rows of `bench gate --mode list` (captures of 9 to 24 photos, windows of 3 to 6, all
-of 256×256): Gaussians lie within a factor of 2 of what photos alone tell, but for one of 2.5; where they are known,
-bytes lie within 1.3, and CPU seconds within 1.6.
+Figures of photos are fitted to lists of 12 and 24 photos of six scenes of dev and of 4 or 5 of four, all of 256×256:
+bytes lie within 1.2 of what photos and cameras alone tell, CPU seconds within 1.4. Photos of 144×144 took half as many
+bytes again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..list.training import BYTES_EACH
+from ..list.training import BYTES_EACH, FEW_PHOTOS
 from ..list.training.contrast import contrast
 from ..list.views import TOGETHER, Views
+from ..scene.cameras import Camera
 from ..scene.scenes import Frame, Scene
 from ..scene.viewchoice import ALL_VIEWS
 from ..system.evenly import evenly
@@ -22,10 +26,17 @@ PHOTO_BYTES, BYTES_EXPONENT = 26_000, 0.69
 """Bytes of a photo of 256×256 as planes by default, and how they grow with its pixels that count; captures of 16 to 45
 photos took 23,000 to 29,000."""
 
-PHOTOS = 4
+PHOTOS = 8
 """Photos of a capture that are looked at for how much detail all have."""
 
-PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 1.6, 0.00066, 0.7
+LIST_BYTES, DETAIL_EXPONENT, PHOTOS_EXPONENT, TURN_EXPONENT = 0.082, 1.26, 0.84, 0.3
+"""Bytes of a list, and how they grow with the detail of a photo, the number of photos, and how many degrees each is
+turned from the one that is turned most like it, and 1: what others show too takes no Gaussians of its own."""
+
+OF_FEW = 1.4
+"""How many times as many bytes few photos take, which lose more by what goes (`Settings.worth_of_few`)."""
+
+PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 2.3, 0.00066, 0.7
 """CPU seconds of a photo of 256×256, of a Gaussian, and the power of pixels that those of larger photos grow with."""
 
 PLACE_SECONDS, OBJECT_SECONDS, LIST_SECONDS, KEEP_SECONDS, SEARCHED = 5.8, 3.8, 0.031, 0.025, 1.75
@@ -46,21 +57,23 @@ def planes_forecast(request: EncodeRequest, scene: Scene) -> str:
     return f"about {sum(PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT for pixels in counted) / 1000:.0f} KB"
 
 
-def list_count(scene: Scene, at_most: int | None = None, size: int | None = None) -> float:
-    """About how many Gaussians photos have as a list of at most so many Gaussians and bytes."""
-    count = len(scene.frames)
-    detail = count * float(np.mean([_detail(scene.frames[view]) for view in evenly(count, PHOTOS)]))
-    return float(min(0.08 * detail**1.1 * count**-0.3, at_most or np.inf, (size or np.inf) / BYTES_EACH))
+def list_bytes(scene: Scene) -> float:
+    """About how many bytes photos take as a list."""
+    count, turns = len(scene.frames), _turns(scene.cameras)
+    detail = float(np.mean([_detail(scene.frames[view]) for view in evenly(count, PHOTOS)]))
+    grown = detail**DETAIL_EXPONENT * count**PHOTOS_EXPONENT * (1 + float(turns.mean())) ** TURN_EXPONENT
+    return LIST_BYTES * grown * (OF_FEW if count <= FEW_PHOTOS else 1)
 
 
 def list_forecast(request: EncodeRequest, scene: Scene) -> str:
     """A line about photos as a list: Gaussians, bytes, CPU seconds."""
     count, camera = len(scene.frames), scene.cameras[0]
-    gaussians = list_count(scene, request.at_most, request.target_size)
+    bounds = [BYTES_EACH * request.at_most if request.at_most else np.inf, request.target_size or np.inf]
+    size = min(list_bytes(scene), *bounds)
     larger = max(camera.width * camera.height / 256**2, 0.5)  # steps of small photos cost what Gaussians do
-    seconds = PHOTO_SECONDS * count * larger**SIZE + GAUSSIAN_SECONDS * gaussians
-    made = f"about {_rounded(gaussians)} Gaussians and {_rounded(BYTES_EACH * gaussians / 1000)} KB"
-    taken = f"(perhaps half or twice as many), {_rounded(seconds)} CPU seconds"
+    seconds = PHOTO_SECONDS * count * larger**SIZE + GAUSSIAN_SECONDS * size / BYTES_EACH
+    made = f"about {_rounded(size / BYTES_EACH)} Gaussians and {_rounded(size / 1000)} KB"
+    taken = f"(perhaps a third fewer or more), {_rounded(seconds)} CPU seconds"
     return f"{count} photos of {camera.width}x{camera.height}: {made} {taken}"
 
 
@@ -78,6 +91,14 @@ def prune_forecast(gaussians: Gaussians, views: Views, *, is_searched: bool) -> 
         f"{count:,} Gaussians: pruning and coding take about {_rounded(seconds)} CPU seconds; --seconds N bounds"
         f" pruning, --keep-all leaves it out (about {_rounded(times * KEEP_SECONDS * count / 1000)})"
     )
+
+
+def _turns(cameras: Sequence[Camera]) -> NDArray:
+    """(V,) degrees between where each camera looks and where the one looks that does so most alike."""
+    ahead = np.stack([camera.rotation[2] for camera in cameras])
+    alike = ahead @ ahead.T
+    np.fill_diagonal(alike, -1)
+    return np.degrees(np.arccos(alike.max(axis=1).clip(-1, 1)))
 
 
 def _detail(frame: Frame) -> float:

@@ -70,10 +70,7 @@ class TrainStats:
     @property
     def plan(self) -> str:
         """What is likely to come of it, in a line."""
-        kept = self.asked * KEPT
-        return (
-            f"up to {self.asked:,} Gaussians for what the photos show, about {kept * BYTES_EACH / 1000:.0f} KB of them"
-        )
+        return f"up to {self.asked:,} Gaussians for what the photos show"
 
     @property
     def is_cut_short(self) -> bool:
