@@ -55,6 +55,7 @@ class _Aside(event.Listener):
 
 
 KEPT_IN = _kept_in()
+compiling.is_kept = bool(KEPT_IN)
 _register: Any = event.register
 _register("numba:compile", _Aside())
 

@@ -32,9 +32,14 @@ BAR = 20
 
 
 class _Compiling:
-    """How long kernels compiled so far, which they do once for all runs."""
+    """How long kernels compiled so far.
+
+    Attributes:
+        is_kept: whether they do so once for all runs.
+    """
 
     def __init__(self) -> None:
+        self.is_kept = True
         self._taken, self._since, self._depth = 0.0, 0.0, 0
 
     def begin(self) -> None:
@@ -57,7 +62,8 @@ class _Compiling:
     @property
     def text(self) -> str:
         """For people, while it goes on."""
-        return f"compiling once: {self.seconds:.0f} s" if self._depth else ""
+        often = "once" if self.is_kept else "in every run, as no folder can be written to (NUMBA_CACHE_DIR names one)"
+        return f"compiling {often}: {self.seconds:.0f} s" if self._depth else ""
 
 
 compiling = _Compiling()
