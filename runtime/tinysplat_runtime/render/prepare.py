@@ -112,30 +112,37 @@ class Part:
             own = max(float(own_pixels(corners, self.origin, photo).max()) for photo in self.photos)
         return np.array([*low, *high, self.rows["scales"].max(), own])
 
+    @cached_property
     def own_pixels(self) -> NDArray | None:
-        """As `Block.own_pixels`."""
+        """As `Block.own_pixels`; kept, as of a list it takes a look at every photo."""
         if self.view >= 0 and self.photos:
             return own_pixels(self.rows["means"], self.origin, self.photos[0])
         return -nearest_pixels(self.rows["means"], self.origin, self.photos) if self.photos else None
 
     def block(self, keep: NDArray | None = None) -> Block:
         """The Gaussians, or of them those where `keep` (n,) bool is true, without those that can never show."""
-        shown = self._shown(keep)
-        sh = np.ascontiguousarray(np.moveaxis(shown.rows["sh"], 0, -1))
-        return replace(shown.outline(), axes=principal_axes(shown.rows["quats"], shown.rows["scales"]), sh=sh)
+        rows, own = self._shown(keep)
+        sh = np.ascontiguousarray(np.moveaxis(rows["sh"], 0, -1))
+        return replace(_outline(rows, own), axes=principal_axes(rows["quats"], rows["scales"]), sh=sh)
 
     def outline(self, keep: NDArray | None = None) -> Block:
         """As `block` without `axes` and `sh`, which take most of the work and of the memory."""
-        shown, nothing = self._shown(keep), np.zeros((0, 3, 0), np.float32)
-        means, log_opacities = np.ascontiguousarray(shown.rows["means"].T), np.log(shown.rows["opacities"])
-        quats, scales = shown.rows["quats"], shown.rows["scales"]
-        return Block(means, nothing, log_opacities, nothing, quats, scales, shown.own_pixels())
+        return _outline(*self._shown(keep))
 
-    def _shown(self, keep: NDArray | None) -> Part:
-        shows = self.rows["opacities"] >= ALPHA_MIN
+    def _shown(self, keep: NDArray | None) -> tuple[Mapping[str, NDArray], NDArray | None]:
+        """Arrays, and own pixels, of those that can show."""
+        shows, own = self.rows["opacities"] >= ALPHA_MIN, self.own_pixels
         keep = shows if keep is None else keep & shows
-        rows = self.rows if keep.all() else {name: array.compress(keep, axis=0) for name, array in self.rows.items()}
-        return replace(self, rows=rows)
+        if keep.all():
+            return self.rows, own
+        rows = {name: array.compress(keep, axis=0) for name, array in self.rows.items()}
+        return rows, None if own is None else own[keep]
+
+
+def _outline(rows: Mapping[str, NDArray], own_pixels: NDArray | None) -> Block:
+    nothing = np.zeros((0, 3, 0), np.float32)
+    means, log_opacities = np.ascontiguousarray(rows["means"].T), np.log(rows["opacities"])
+    return Block(means, nothing, log_opacities, nothing, rows["quats"], rows["scales"], own_pixels)
 
 
 def parts(gaussians: Gaussians, *, by_view: bool = False, own_pixels: bool = True) -> Iterator[Part]:

@@ -176,7 +176,7 @@ def may_show(part: Block | Part, view: View, every: int = 1) -> NDArray:
     if isinstance(part, Block):
         means, scales, own = part.means, part.scales, part.own_pixels
     else:
-        means, scales, own = np.ascontiguousarray(part.rows["means"].T), part.rows["scales"], part.own_pixels()
+        means, scales, own = np.ascontiguousarray(part.rows["means"].T), part.rows["scales"], part.own_pixels
     means, scales, own = means[:, ::every], scales[::every], None if own is None else own[::every]
     point = np.einsum("ij,jn->in", view.projection, means + view.offset[:, None])
     depth = point[2]
