@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +38,6 @@ ROOT_THRESHOLDS = np.exp2(np.arange(-8, 1) / 2).astype(np.float32)
 
 LENGTH_THRESHOLDS = (np.arange(1, 5) * math.log(2)).astype(np.float32)
 """Half octaves of the square root of length over width; none beyond √20, where errors stop growing."""
-
-Sources: TypeAlias = "dict[tuple[PlaneClass, int], NDArray]"
-"""Numbers (N,) float64 of channels by class and target, as they are before they are coded."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,7 @@ def code_shapes(tiers: Sequence[PlacedTier], code: ChannelCoder) -> Shapes:
     weights: list[WeightClasses] = []
     logs = np.zeros(len(sizes))
     counts = [np.zeros(len(tier.cells), np.uint16) for tier in tiers]
-    sources = [sources_of(tier.columns, middle) for tier in tiers]
+    sources = [_sources_of(tier.columns, middle) for tier in tiers]
     for tier in tiers:
         tier.orders.append(along_the_curve(len(tier.cells)))
     for number, name in enumerate(DETERMINING):
@@ -161,7 +157,7 @@ def code_shapes(tiers: Sequence[PlacedTier], code: ChannelCoder) -> Shapes:
     return Shapes(middle, thresholds, tuple(weights))
 
 
-def sources_of(columns: Columns, middle: float) -> Sources:
+def _sources_of(columns: Columns, middle: float) -> dict[tuple[PlaneClass, int], NDArray]:
     """All channels but colours; `middle` as `ListScene` has it."""
     return {
         (PlaneClass.OPACITY, 0): columns.roots,

@@ -117,7 +117,7 @@ def arrays_by_tier(counts: Sequence[int], coefficients: int) -> tuple[dict[str, 
 
 def fill(
     into: Mapping[str, NDArray],
-    channels: Mapping[tuple[PlaneClass, int], Numbers | NDArray],
+    channels: Mapping[tuple[PlaneClass, int], Numbers],
     middle: float,
     mean: NDArray,
     basis: NDArray,
