@@ -26,7 +26,7 @@ from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.system import kinds
 from tinysplat_runtime.system.files import is_plain_name
 from tinysplat_runtime.system.jsonfields import JsonObject
-from tinysplat_runtime.system.options import Options, option
+from tinysplat_runtime.system.options import Options, flag, option
 from tinysplat_runtime.system.told import Told
 
 from .storage import join, local_folder, read, write
@@ -45,8 +45,8 @@ class Keep(Options):
     provider: str | None = option(
         kinds.text, metavar="NAME[:K=V,…]", help="of onnxruntime; `tinysplat doctor` lists them"
     )
-    report: bool = option(kinds.flag, False, help="also write DIR/NAME.json, as encode does")
-    save_gaussians: bool = option(kinds.flag, False, help="also write DIR/NAME.npz of the network")
+    report: bool = flag(help="also write DIR/NAME.json, as encode does")
+    save_gaussians: bool = flag(help="also write DIR/NAME.npz of the network")
 
 
 OPTIONS = {*EncodeRequest.options(), *Keep.options(), "auto"} - {"focal", "baseline"}

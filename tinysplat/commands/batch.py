@@ -22,7 +22,7 @@ from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.recipe.request import VIDEO, EncodeRequest
 from tinysplat_runtime.system import kinds
 from tinysplat_runtime.system.jsonfields import JsonObject
-from tinysplat_runtime.system.options import REQUIRED, option
+from tinysplat_runtime.system.options import REQUIRED, Options, flag, option
 from tinysplat_runtime.system.printable import printable
 from tinysplat_runtime.system.progress import working
 from tinysplat_runtime.system.threads import available_cores
@@ -30,12 +30,23 @@ from tinysplat_runtime.system.threads import available_cores
 HELP = "many scenes to files, here or on a Ray cluster"
 
 
-MACHINES = "machines and failures"
-"""A group of options."""
+@dataclass(frozen=True, kw_only=True)
+class Machines(Options, group="machines and failures"):
+    """What scenes are encoded on, and what is done where that fails."""
+
+    engine: str = option(kinds.text, "processes", choices=("processes", "ray"), help="default: processes")
+    address: str | None = option(kinds.text, metavar="ADDRESS", help="a Ray cluster's; default: one of this machine")
+    workers: int | None = option(kinds.count, metavar="N", help="scenes at a time; default: all cores")
+    threads: int = option(kinds.count, 1, metavar="N", help="of each; default 1; changes no result")
+    attempts: int = option(kinds.count, 3, metavar="N", help="per scene, if a worker dies; default 3")
+    timeout: float | None = option(kinds.positive, metavar="S", help="seconds that a scene may take; default: any")
+    max_memory: int | None = option(kinds.byte_count, metavar="SIZE", help="of a worker, such as 4GB; default: any")
+    retry_failed: bool = flag(help="only the scenes that failed in the run before")
+    json_lines: bool = flag(help="a JSON object per scene on standard output")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Batch(Quiet):
+class Batch(Quiet, Machines):
     """What the command asks for beside what it does with each scene."""
 
     manifest: str = option(kinds.text, REQUIRED, is_bare=True, metavar="MANIFEST", help="")  # its description tells
@@ -43,35 +54,8 @@ class Batch(Quiet):
         kinds.text, REQUIRED, short="o", metavar="DIR", help=f"folder or URL; {RESULTS} goes there, too"
     )
     allow: tuple[str, ...] = option(
-        kinds.text,
-        (),
-        is_many=True,
-        metavar="|".join(CODE),
-        choices=CODE,
-        help="let MANIFEST say what is loaded; repeat for both",
+        kinds.text, (), is_many=True, choices=CODE, help="let MANIFEST say what is loaded; repeat for both"
     )
-    engine: str = option(
-        kinds.text,
-        "processes",
-        group=MACHINES,
-        metavar="processes|ray",
-        choices=("processes", "ray"),
-        help="default: processes",
-    )
-    address: str | None = option(
-        kinds.text, group=MACHINES, metavar="ADDRESS", help="a Ray cluster's; default: one of this machine"
-    )
-    workers: int | None = option(kinds.count, group=MACHINES, metavar="N", help="scenes at a time; default: all cores")
-    threads: int = option(kinds.count, 1, group=MACHINES, metavar="N", help="of each; default 1; changes no result")
-    attempts: int = option(kinds.count, 3, group=MACHINES, metavar="N", help="per scene, if a worker dies; default 3")
-    timeout: float | None = option(
-        kinds.positive, group=MACHINES, metavar="S", help="seconds that a scene may take; default: any"
-    )
-    max_memory: int | None = option(
-        kinds.byte_count, group=MACHINES, metavar="SIZE", help="of a worker, such as 4GB; default: any"
-    )
-    retry_failed: bool = option(kinds.flag, False, group=MACHINES, help="only the scenes that failed in the run before")
-    json_lines: bool = option(kinds.flag, False, group=MACHINES, help="a JSON object per scene on standard output")
 
 
 def configure(parser: ArgumentParser) -> None:

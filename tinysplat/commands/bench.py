@@ -22,7 +22,7 @@ from tinysplat_runtime.errors import InputError, TinySplatError
 from tinysplat_runtime.graphs import DEFAULT_MODEL
 from tinysplat_runtime.graphs.artifacts import find_artifact
 from tinysplat_runtime.system import kinds
-from tinysplat_runtime.system.options import option
+from tinysplat_runtime.system.options import flag, option
 from tinysplat_runtime.system.voice import Voice
 
 HELP = "error against run time, report with plots"
@@ -48,8 +48,8 @@ class Bench(Threads, Quiet):
     output: str = option(
         kinds.path, DEFAULT_FOLDER, short="o", metavar="FOLDER", help=f"the report's folder; default {DEFAULT_FOLDER}"
     )
-    quick: bool = option(kinds.flag, False, help="the short form: smaller pictures, fewer variants")
-    docs: bool = option(kinds.flag, False, help="fill pages from rows")
+    quick: bool = flag(help="the short form: smaller pictures, fewer variants")
+    docs: bool = flag(help="fill pages from rows")
     model: str = option(kinds.text, DEFAULT_MODEL, metavar="NAME|FILE.onnx", help=f"network; default {DEFAULT_MODEL}")
 
 

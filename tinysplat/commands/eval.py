@@ -79,7 +79,7 @@ class Eval(Threads, Quiet):
     dataset: str = option(
         kinds.text, "re10k", metavar="NAME", choices=tuple(SPECS), help=f"of the chunks: {', '.join(SPECS)}"
     )
-    lpips: str = option(kinds.text, "vgg", metavar="vgg|none", choices=("vgg", "none"), help="default vgg")
+    lpips: str = option(kinds.text, "vgg", choices=("vgg", "none"), help="default vgg")
     lpips_backbone: str | None = option(kinds.path, metavar="F.pth", help="torchvision's weights of the backbone")
     lpips_linear: str | None = option(kinds.path, metavar="F.pth", help="linear weights; default: the package lpips's")
     jobs: int = option(kinds.count, 1, metavar="N", help="windows measured at a time; default 1")

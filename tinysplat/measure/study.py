@@ -39,31 +39,19 @@ class Study:
     plots: Mapping[str, Plot] = field(default_factory=dict)
 
 
-OF_STUDIES = "options of some studies"
-"""A group of options."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class StudyOptions(Options):
+class StudyOptions(Options, group="options of some studies"):
     """What the command line adds to a study; each takes what concerns it."""
 
-    qp: tuple[float, ...] = option(
-        kinds.numbers(), (), metavar="Q,Q", group=OF_STUDIES, help="Q_g; default the study's"
-    )
-    views: tuple[int, ...] = option(
-        kinds.indices, (), metavar="N,N", group=OF_STUDIES, help="numbers of photos; growth, walk"
-    )
-    limit: int | None = option(
-        kinds.count, metavar="N", group=OF_STUDIES, help="measure only lists, up to this size; growth"
-    )
-    size: tuple[int, int] | None = option(
-        kinds.size, metavar="WxH", group=OF_STUDIES, help="of photos; default 256x256, quick 128x128"
-    )
+    qp: tuple[float, ...] = option(kinds.numbers(), (), metavar="Q,Q", help="Q_g; default the study's")
+    views: tuple[int, ...] = option(kinds.indices, (), metavar="N,N", help="numbers of photos; growth, walk")
+    limit: int | None = option(kinds.count, metavar="N", help="measure only lists, up to this size; growth")
+    size: tuple[int, int] | None = option(kinds.size, metavar="WxH", help="of photos; default 256x256, quick 128x128")
     drawn: tuple[int, int] | None = option(
-        kinds.size, metavar="WxH", group=OF_STUDIES, help="of pictures to judge; default --size; walk, gate"
+        kinds.size, metavar="WxH", help="of pictures to judge; default --size; walk, gate"
     )
     """At which pictures of captures are drawn."""
-    mode: str | None = option(kinds.text, metavar="MODE", group=OF_STUDIES, help="of files, as of encode; gate")
+    mode: str | None = option(kinds.text, metavar="MODE", help="of files, as of encode; gate")
 
 
 @dataclass

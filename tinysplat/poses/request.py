@@ -9,7 +9,7 @@ from tinysplat_runtime.render.panorama import FACES
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
 from tinysplat_runtime.system import kinds
 from tinysplat_runtime.system.files import StrPath
-from tinysplat_runtime.system.options import REQUIRED, Options, option
+from tinysplat_runtime.system.options import REQUIRED, Options, flag, option
 
 from .panoramas import Wedge
 
@@ -52,11 +52,8 @@ class PosesRequest(Options):
         metavar="PHOTOS",
         help=f"folder of photos (.jpg, .png, .heic, .webp, .tif) of one static place, or a video: {', '.join(VIDEOS)}",
     )
-    panorama: bool = option(
-        kinds.flag,
-        False,
-        word="360",
-        help="pictures twice as wide as high are 360° (equirectangular), also if files do not say so",
+    panorama: bool = flag(
+        word="360", help="pictures twice as wide as high are 360° (equirectangular), also if files do not say so"
     )
     without: tuple[Wedge | str, ...] = option(
         part,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..system import kinds
-from ..system.options import REQUIRED, Options, option
+from ..system.options import REQUIRED, Options, flag, option
 from ..system.voice import Voice
 from .files import Limited
 from .outputs import is_standard
@@ -15,15 +15,12 @@ GAUSSIAN_FILES = ".npz, .ply, … (docs/FORMATS.md)"
 
 NOTHING = "where nothing is: white, black or #rrggbb"
 
-MORE = "more"
-"""A group of options."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Quiet(Options):
     """Of every command."""
 
-    quiet: bool = option(kinds.flag, False, short="q", help="no progress and no summary")
+    quiet: bool = flag(short="q", help="no progress and no summary")
 
     @cached_property
     def voice(self) -> Voice:
@@ -35,7 +32,7 @@ class Quiet(Options):
 class Forced(Options):
     """Of those that write files."""
 
-    force: bool = option(kinds.flag, False, help="overwrite outputs that exist")
+    force: bool = flag(help="overwrite outputs that exist")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +63,7 @@ class Reported(Written):
 class Described(Quiet):
     """Of those that print what there is."""
 
-    json: bool = option(kinds.flag, False, help="as JSON")
+    json: bool = flag(help="as JSON")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,11 +111,24 @@ class Convert(Written):
         kinds.path, REQUIRED, is_bare=True, is_many=True, metavar="IN", help=""
     )  # usage tells
     output: str = option(kinds.written, REQUIRED, short="o", metavar="OUT", help=f"as IN: .tsplat, {GAUSSIAN_FILES}")
-    check: bool = option(kinds.flag, False, help="print bytes and loss in dB of the file")
+    check: bool = flag(help="print bytes and loss in dB of the file")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Render(Reported):
+class Drawn(Options, group="more"):
+    """How Gaussians become pictures."""
+
+    depth_scale: float = option(kinds.positive, 1000.0, metavar="S", help="values per scene unit; default 1000")
+    dilation: str = option(
+        kinds.text, "own", choices=("own", "screen"), help="widen by the photo's or the screen's pixel; default own"
+    )
+    order: str = option(
+        kinds.text, "near", choices=("near", "depth"), help="draw near views first, or all by depth; default near"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Render(Reported, Drawn):
     """`tinysplat render`."""
 
     file: str = option(kinds.path, REQUIRED, is_bare=True, metavar="F", help=f".tsplat, {GAUSSIAN_FILES}")
@@ -126,13 +136,7 @@ class Render(Reported):
     camera: str | None = option(
         kinds.path, metavar="INDEX", help="a view or photo of the file, or cameras.json:INDEX; default 0"
     )
-    path: str | None = option(
-        kinds.text,
-        metavar="between|orbit",
-        choices=("between", "orbit"),
-        only=".mp4",
-        help="of a video; default between",
-    )
+    path: str | None = option(kinds.text, choices=("between", "orbit"), only=".mp4", help="of a video; default between")
     story: str | None = option(
         kinds.path, metavar="FILE", only=".mp4", against=("path",), help="a video along the views of a page's story"
     )
@@ -143,30 +147,9 @@ class Render(Reported):
     background: tuple[float, float, float] = option(
         kinds.colour, (0.0, 0.0, 0.0), metavar="COLOUR", help=f"{NOTHING}; default black"
     )
-    panorama: bool = option(
-        kinds.flag, False, only=".png", against=("depth", "depth_values"), help="a 360° picture from the camera's place"
-    )
-    depth: bool = option(kinds.flag, False, only=".png", help="depth as a picture, near in red, far in blue")
-    depth_values: bool = option(kinds.flag, False, only=".png", help="depth as numbers (z, 16-bit PNG)")
-    depth_scale: float = option(
-        kinds.positive, 1000.0, metavar="S", group=MORE, help="values per scene unit; default 1000"
-    )
-    dilation: str = option(
-        kinds.text,
-        "own",
-        metavar="own|screen",
-        group=MORE,
-        choices=("own", "screen"),
-        help="widen by the photo's or the screen's pixel; default own",
-    )
-    order: str = option(
-        kinds.text,
-        "near",
-        metavar="near|depth",
-        group=MORE,
-        choices=("near", "depth"),
-        help="draw near views first, or all by depth; default near",
-    )
+    panorama: bool = flag(only=".png", against=("depth", "depth_values"), help="a 360° picture from the camera's place")
+    depth: bool = flag(only=".png", help="depth as a picture, near in red, far in blue")
+    depth_values: bool = flag(only=".png", help="depth as numbers (z, 16-bit PNG)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,15 +165,10 @@ class View(Quiet, Forced):
 
     file: str | None = option(kinds.path, is_bare=True, metavar="F", help=f".tsplat, {GAUSSIAN_FILES}")
     html: str | None = option(kinds.written, metavar="OUT.html", help="write the page in place of serving it")
-    files: bool = option(
-        kinds.flag,
-        False,
-        needs=("html",),
-        help="--html names a folder, whose files work on sites that allow no inline scripts",
+    files: bool = flag(
+        needs=("html",), help="--html names a folder, whose files work on sites that allow no inline scripts"
     )
-    player: bool = option(
-        kinds.flag,
-        False,
+    player: bool = flag(
         needs=("html",),
         help="--html writes a page without a scene, which opens files dropped on it, chosen, or named by ?file=URL",
     )
@@ -203,7 +181,7 @@ class View(Quiet, Forced):
         kinds.colour, metavar="COLOUR", help=f"{NOTHING}; default: of the scene's own colours"
     )
     port: int = option(kinds.port, 0, metavar="N", help="where to serve; default: any free port")
-    no_browser: bool = option(kinds.flag, False, help="only print the address")
+    no_browser: bool = flag(help="only print the address")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +193,7 @@ class Models(Described):
 class Doctor(Described):
     """`tinysplat doctor`."""
 
-    warm: bool = option(kinds.flag, False, help="compile what is else compiled on first use")
+    warm: bool = flag(help="compile what is else compiled on first use")
     provider: str | None = option(
         kinds.text,
         metavar="NAME[:K=V,…]",

@@ -15,7 +15,7 @@ from ..errors import InputError, within
 from ..system import kinds
 from ..system.files import read_limited, write_atomically
 from ..system.jsonfields import JsonObject
-from ..system.options import Options, option
+from ..system.options import Options, flag, option
 from ..system.progress import wipe
 from ..system.stopwatch import Stopwatch
 from ..system.told import Told
@@ -25,23 +25,20 @@ if TYPE_CHECKING:  # of what a file holds, `info` says without them
     from ..api import Runtime
     from ..gaussian.gaussians import Gaussians
 
-READING, RUNNING = "reading", "running"
-"""Groups of options."""
-
 
 @dataclass(frozen=True, kw_only=True)
-class Threads(Options):
+class Threads(Options, group="running"):
     """How many work."""
 
-    threads: int | None = option(kinds.count, metavar="N", group=RUNNING, help="default: all cores; changes no result")
+    threads: int | None = option(kinds.count, metavar="N", help="default: all cores; changes no result")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Running(Threads):
+class Running(Threads, group="running"):
     """What runs graphs."""
 
     provider: str | None = option(
-        kinds.text, metavar="NAME[:K=V,…]", group=RUNNING, help="of onnxruntime (`tinysplat doctor` lists them)"
+        kinds.text, metavar="NAME[:K=V,…]", help="of onnxruntime (`tinysplat doctor` lists them)"
     )
 
     @property
@@ -58,28 +55,20 @@ class Running(Threads):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limited(Options):
+class Limited(Options, group="reading"):
     """What a file may ask for."""
 
-    max_pixels: int | None = option(
-        kinds.count, metavar="N", group=READING, help="refuse files of more Gaussians (67 M)"
-    )
-    max_memory: int | None = option(
-        kinds.byte_count, metavar="SIZE", group=READING, help="refuse files that take more (8GiB)"
-    )
+    max_pixels: int | None = option(kinds.count, metavar="N", help="refuse files of more Gaussians (67 M)")
+    max_memory: int | None = option(kinds.byte_count, metavar="SIZE", help="refuse files that take more (8GiB)")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading(Running, Limited):
+class Reading(Running, Limited, group="reading"):
     """How files are read."""
 
-    max_bytes: int | None = option(
-        kinds.count, metavar="N", group=READING, help="decode the first N bytes (`info` lists some)"
-    )
-    partial: bool = option(kinds.flag, False, group=READING, help="decode what is intact and name what is lost")
-    model: str | None = option(
-        kinds.text, metavar="NAME|FILE.onnx", group=READING, help="the network of a file of photos"
-    )
+    max_bytes: int | None = option(kinds.count, metavar="N", help="decode the first N bytes (`info` lists some)")
+    partial: bool = flag(help="decode what is intact and name what is lost")
+    model: str | None = option(kinds.text, metavar="NAME|FILE.onnx", help="the network of a file of photos")
 
     @property
     def is_in_part(self) -> bool:

@@ -21,7 +21,7 @@ from ..modes import CHOICES, DEFAULT_MODE, LIST, PHOTOS
 from ..scene import BACKGROUND, MOVING
 from ..system import kinds
 from ..system.files import StrPath, read_limited
-from ..system.options import Options, option
+from ..system.options import Options, flag, option
 from . import words
 from .words import AutoViews, Length, Training
 
@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from ..scene.cameras import Camera
     from ..scene.scenes import Scene
 
-BYTES, NOTES, VIDEO = "bytes and quality", "notes, kept in the file", "video, stereo, depth"
-WHICH, HOW = "which Gaussians", "how files are written"
-"""Groups of options."""
+VIDEO, HOW = "video, stereo, depth", "how files are written"
+"""Groups of options that some callers do not offer."""
 
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
 """Options that say how fine planes are coded; one of them at most."""
@@ -52,12 +51,12 @@ class NoteKeywords(TypedDict, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noted(Options):
+class Noted(Options, group="notes, kept in the file"):
     """What a file says of itself; an empty text takes back what the Gaussians said."""
 
-    unit: str | None = option(kinds.text, metavar="TEXT", group=NOTES, help="of lengths, such as metre")
-    attribution: str | None = option(kinds.text, metavar="TEXT", group=NOTES, help="author to name")
-    licence: str | None = option(kinds.text, metavar="TEXT", group=NOTES, help="such as CC-BY-4.0")
+    unit: str | None = option(kinds.text, metavar="TEXT", help="of lengths, such as metre")
+    attribution: str | None = option(kinds.text, metavar="TEXT", help="author to name")
+    licence: str | None = option(kinds.text, metavar="TEXT", help="such as CC-BY-4.0")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -80,41 +79,34 @@ class CodingKeywords(TypedDict, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coding(Options):
+class Coding(Options, group="bytes and quality"):
     """How Gaussians become bytes."""
 
     profile: str | None = option(
         kinds.text,
         metavar="P",
-        group=BYTES,
         choices=tuple(PROFILES),
         against=("lossless", "like"),
         help=f"{', '.join(PROFILES)}; default {DEFAULT_PROFILE}",
     )
-    qp: float | None = option(
-        kinds.number, metavar="Q", group=BYTES, against=RATE, help="steps coarser by 2^(Q/6); default 0"
-    )
+    qp: float | None = option(kinds.number, metavar="Q", against=RATE, help="steps coarser by 2^(Q/6); default 0")
     target_size: int | None = option(
-        kinds.byte_count, metavar="SIZE", group=BYTES, against=RATE, help="at most 100KB, 1.5MB or so many bytes"
+        kinds.byte_count, metavar="SIZE", against=RATE, help="at most 100KB, 1.5MB or so many bytes"
     )
     """The largest file found of at most as many bytes."""
     target_psnr: float | None = option(
-        kinds.decibels, metavar="DB", group=BYTES, against=RATE, help="smallest file of at least this PSNR"
+        kinds.decibels, metavar="DB", against=RATE, help="smallest file of at least this PSNR"
     )
     """The smallest file found that has as many, as the mean over the input views; of a list over its error in eight
     views, beside its photos or about it."""
-    lossless: bool = option(kinds.flag, False, group=BYTES, against=RATE, help="float16 planes, bit for bit")
+    lossless: bool = flag(against=RATE, help="float16 planes, bit for bit")
     """`codec.exact` has the guarantee."""
     like: bytes | StrPath | None = option(
-        kinds.file,
-        metavar="F.tsplat",
-        group=BYTES,
-        against=RATE,
-        help="reuse steps and unchanged pictures of this file",
+        kinds.file, metavar="F.tsplat", against=RATE, help="reuse steps and unchanged pictures of this file"
     )
     """Its profile, Q_g, maps, steps and QPs are taken, and its pictures stay where nothing changed (`modes.recode`): a
     decoded scene coded again, edited or not, loses nothing else."""
-    drop_invalid: bool = option(kinds.flag, False, group=BYTES, help="hide Gaussians at or behind their camera")
+    drop_invalid: bool = flag(help="hide Gaussians at or behind their camera")
     """Else they are refused."""
 
     def __post_init__(self) -> None:
@@ -177,7 +169,27 @@ class EncodeKeywords(CodingKeywords, NoteKeywords, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncodeRequest(Noted, Coding):
+class Filmed(Options, group=VIDEO):
+    """What photos alone do not say, and what is kept of their depth."""
+
+    joint: bool = flag(True, off=False, help="", off_help="keep depths as the network finds them")
+    """Whether all photos of a capture agree on depth; see `Runtime.predict`."""
+    poses: StrPath | None = option(
+        kinds.path, metavar="POSES", against=("focal", "baseline"), help="of a video: .txt, transforms.json, a folder"
+    )
+    """A RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model."""
+    first_number: int = option(kinds.whole, 0, choices=(0, 1), help="of the first frame that POSES names; default 0")
+    """What `poses` count from in names such as frame_00012.png."""
+    near: float | None = option(kinds.number, metavar="Z", help="nearest depth; default: the scene's")
+    """Scene units; None for the scene's own, or what photos show."""
+    far: float | None = option(kinds.number, metavar="Z", help="farthest depth; default: the scene's")
+    focal: float | None = option(kinds.number, metavar="PX", needs=("baseline",), help="of a stereo pair, in pixels")
+    baseline: float | None = option(kinds.number, metavar="B", needs=("focal",), help="distance of its cameras")
+    save_gaussians: StrPath | None = option(kinds.written, metavar="G.npz", help="also write the network's Gaussians")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncodeRequest(Filmed, Noted, Coding):
     """Photos to be made into a file, and how.
 
     Attributes:
@@ -207,20 +219,11 @@ class EncodeRequest(Noted, Coding):
         off_help="ignore masks",
     )
     """None: mask files show what moves, transparent photos where nothing is; `scene.masks` has what that means."""
-    joint: bool = option(
-        kinds.flag, True, group=VIDEO, off=False, help="", off_help="keep depths as the network finds them"
-    )
-    """Whether all photos of a capture agree on depth; see `Runtime.predict`."""
     mode: str | None = option(
         kinds.text, metavar="MODE", choices=CHOICES, help=f"what the file has: {', '.join(CHOICES)}; default by photos"
     )
     """`modes` says what they are; None as `recipe.kinds.chosen` has it."""
-    fast: bool = option(
-        kinds.flag,
-        False,
-        against=("mode",),
-        help="leave the network's Gaussians: --mode gaussians, whatever the photos",
-    )
+    fast: bool = flag(against=("mode",), help="leave the network's Gaussians: --mode gaussians, whatever the photos")
     train: Training | None = option(
         words.training, metavar="STEPS|60s", against=PLANES_ALONE, help="how long a list is trained; default: by photos"
     )
@@ -229,35 +232,6 @@ class EncodeRequest(Noted, Coding):
         metavar="N",
         against=PLANES_ALONE,
         help="Gaussians of a list; default: as many as photos show detail",
-    )
-    poses: StrPath | None = option(
-        kinds.path,
-        metavar="POSES",
-        group=VIDEO,
-        against=("focal", "baseline"),
-        help="of a video: .txt, transforms.json, a folder",
-    )
-    """A RealEstate10K .txt, transforms.json, or a folder with these or a COLMAP model."""
-    first_number: int = option(
-        kinds.whole,
-        0,
-        metavar="0|1",
-        group=VIDEO,
-        choices=(0, 1),
-        help="of the first frame that POSES names; default 0",
-    )
-    """What `poses` count from in names such as frame_00012.png."""
-    near: float | None = option(kinds.number, metavar="Z", group=VIDEO, help="nearest depth; default: the scene's")
-    """Scene units; None for the scene's own, or what photos show."""
-    far: float | None = option(kinds.number, metavar="Z", group=VIDEO, help="farthest depth; default: the scene's")
-    focal: float | None = option(
-        kinds.number, metavar="PX", group=VIDEO, needs=("baseline",), help="of a stereo pair, in pixels"
-    )
-    baseline: float | None = option(
-        kinds.number, metavar="B", group=VIDEO, needs=("focal",), help="distance of its cameras"
-    )
-    save_gaussians: StrPath | None = option(
-        kinds.written, metavar="G.npz", group=VIDEO, help="also write the network's Gaussians"
     )
 
     def __post_init__(self) -> None:
@@ -291,7 +265,7 @@ class CompressRequest(Noted, Coding):
     """
 
     gaussians: Gaussians = field(kw_only=False)
-    keep_all: bool = option(kinds.flag, False, against=("seconds",), help="do not prune a trained scene")
+    keep_all: bool = flag(against=("seconds",), help="do not prune a trained scene")
     seconds: float | None = option(kinds.positive, metavar="S", help="time limit of pruning")
     """What was not looked at by then is kept, with a warning; bytes then depend on how fast the machine is."""
     cameras: Sequence[Camera] | StrPath | None = option(
@@ -327,7 +301,7 @@ class ExportKeywords(NoteKeywords, total=False):
 class Upright(Options):
     """How a scene is placed in the world, by itself or by a length that was measured."""
 
-    level: bool = option(kinds.flag, False, help="turn and shift it upright: y down, the ground at 0")
+    level: bool = flag(help="turn and shift it upright: y down, the ground at 0")
     length: Length | None = option(
         words.length, metavar="VIEW:U,V,U,V=0.74m", help="scale it to metres by a length in a view, or X,Y,Z,X,Y,Z=…"
     )
@@ -335,51 +309,57 @@ class Upright(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(Noted, Upright):
+class Chosen(Options, group="which Gaussians"):
+    """Which Gaussians are written."""
+
+    views: tuple[int, ...] | None = option(
+        kinds.indices, metavar="I,J-K", help="those of these views, such as 0,3,10-20"
+    )
+    trim_border: int | None = option(kinds.count, metavar="PX", help="without each view's outermost PX pixels")
+    min_opacity: float | None = option(kinds.number, metavar="A", help="those of this opacity or more")
+    sh_degree: int | None = option(kinds.whole, metavar="N", help="SH cut to this degree")
+    prune: Amount | None = option(
+        words.amount, metavar="SHARE|DB|N", help="drop 0.5, down to 45dB, or all but N (numba)"
+    )
+    """Those that pictures need least go first."""
+    keep_all: bool = flag(help="do not prune a trained scene")
+    """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
+    pictures hardly need."""
+    dilate: float | None = option(
+        kinds.positive,
+        metavar="VARIANCE",
+        usual=OWN_VARIANCE,
+        help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
+    )
+    """Own pixels² by which Gaussians are widened."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Filed(Options, group=HOW):
+    """What the formats of files leave open."""
+
+    points: bool = flag(only=".ply", help="a plain point cloud (.ply) of means and colours")
+    sh_bits: tuple[int, int] = option(
+        kinds.bits, SH_BITS, metavar="A,B", only=".spz", help=".spz: bits of SH of degree 1, above; 5,4"
+    )
+    spz_version: int = option(
+        kinds.whole,
+        SPZ_VERSION,
+        metavar="N",
+        choices=SPZ_VERSIONS,
+        only=".spz",
+        help="default 3; 4 keeps SH degree 4, wants zstd",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest(Filed, Chosen, Noted, Upright):
     """What `convert` and `decode` do with Gaussians; of what is left out, nothing is done.
 
     Raises:
         InputError: a value of another kind or out of range.
     """
 
-    views: tuple[int, ...] | None = option(
-        kinds.indices, metavar="I,J-K", group=WHICH, help="those of these views, such as 0,3,10-20"
-    )
-    trim_border: int | None = option(
-        kinds.count, metavar="PX", group=WHICH, help="without each view's outermost PX pixels"
-    )
-    min_opacity: float | None = option(kinds.number, metavar="A", group=WHICH, help="those of this opacity or more")
-    sh_degree: int | None = option(kinds.whole, metavar="N", group=WHICH, help="SH cut to this degree")
-    prune: Amount | None = option(
-        words.amount, metavar="SHARE|DB|N", group=WHICH, help="drop 0.5, down to 45dB, or all but N (numba)"
-    )
-    """Those that pictures need least go first."""
-    keep_all: bool = option(kinds.flag, False, group=WHICH, help="do not prune a trained scene")
-    """Lists also get the Gaussians of a capture that other views show, `.tsplat` files also those of a list that
-    pictures hardly need."""
-    dilate: float | None = option(
-        kinds.positive,
-        metavar="VARIANCE",
-        group=WHICH,
-        usual=OWN_VARIANCE,
-        help=f"widen for other viewers, pixels²; default {OWN_VARIANCE}",
-    )
-    """Own pixels² by which Gaussians are widened."""
-    points: bool = option(
-        kinds.flag, False, group=HOW, only=".ply", help="a plain point cloud (.ply) of means and colours"
-    )
-    sh_bits: tuple[int, int] = option(
-        kinds.bits, SH_BITS, metavar="A,B", group=HOW, only=".spz", help=".spz: bits of SH of degree 1, above; 5,4"
-    )
-    spz_version: int = option(
-        kinds.whole,
-        SPZ_VERSION,
-        metavar="N",
-        group=HOW,
-        choices=SPZ_VERSIONS,
-        only=".spz",
-        help="default 3; 4 keeps SH degree 4, wants zstd",
-    )
     crop: tuple[float, ...] | None = option(
         kinds.numbers(6), metavar="X,Y,Z,X,Y,Z", help="keep the box between two corners"
     )

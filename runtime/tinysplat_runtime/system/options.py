@@ -9,11 +9,12 @@ documentation. A field's `kind` (`kinds`) takes what was given, a word or a valu
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
 from ..errors import InputError, within
-from .kinds import items, shown
+from . import kinds
 
 Asked = TypeVar("Asked", bound="Options")
 
@@ -28,8 +29,8 @@ class Option:
     Attributes:
         kind: a function of `kinds`, or another of their kind.
         help: what `--help` says, in a line.
-        metavar: what stands there for the value; empty for flags.
-        group: heading under which `--help` lists it; empty for none.
+        metavar: what stands there for the value, by default its choices; empty for flags.
+        group: heading under which `--help` lists it, its class's; empty for none.
         choices: the values that there are; empty where that is no list.
         usual: what the option without a value stands for, in Python True; None where it needs one.
         off: what `--no-…` stands for, in Python False; None where there is no such word.
@@ -68,30 +69,42 @@ class Option:
         if given is False and self.off is not None:
             given = self.off
         with within(name):
-            return tuple(map(self._value, items(given))) if self.is_many else self._value(given)
+            return tuple(map(self._value, kinds.items(given))) if self.is_many else self._value(given)
 
     def _value(self, given: object) -> object:
         value = self.kind(given)
         if self.choices and value not in self.choices:
-            raise InputError(f"{shown(given)}, accepted are {', '.join(map(str, self.choices))}")
+            raise InputError(f"{kinds.shown(given)}, accepted are {', '.join(map(str, self.choices))}")
         return value
 
 
 def option(kind: Callable[[object], object], default: object = None, *, help: str, **about: Any) -> Any:
     """A field of `Options`; `about` are further fields of `Option`."""
+    about.setdefault("metavar", "|".join(map(str, about.get("choices", ()))))
     return field(default=default, metadata={"option": Option(kind, help, is_required=default is REQUIRED, **about)})
+
+
+def flag(default: bool = False, *, help: str, **about: Any) -> Any:
+    """`option` of what is so or not."""
+    return option(kinds.flag, default, help=help, **about)
 
 
 class Options:
     """A data class whose fields are options; made from what was given, in words or as values, it holds the values.
 
-    None stands for the default of any option.
+    None stands for the default of any option. The `group` of a class is the heading under which `--help` lists those
+    that it states itself.
 
     Raises:
         InputError: names the option: what stands for no value of its kind, or contradicts another.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    def __init_subclass__(cls, *, group: str = "", **others: Any) -> None:
+        super().__init_subclass__(**others)
+        for stated in [one for one in vars(cls).values() if isinstance(one, Field) and "option" in one.metadata]:
+            stated.metadata = MappingProxyType({"option": replace(stated.metadata["option"], group=group)})
 
     def __post_init__(self) -> None:
         for name, about in self.options().items():
