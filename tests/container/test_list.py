@@ -18,7 +18,6 @@ from scenes import refusing
 from sections import file_of, sections_of
 
 from tinysplat_runtime.container.cameras import rounded_cameras
-from tinysplat_runtime.container.columns import packed_columns
 from tinysplat_runtime.container.limits import Limits
 from tinysplat_runtime.container.list import (
     ListChannel,
@@ -33,6 +32,7 @@ from tinysplat_runtime.container.list import (
 )
 from tinysplat_runtime.container.reader import read_container
 from tinysplat_runtime.container.records import ChannelRecord, Picture
+from tinysplat_runtime.container.sections import packed_columns
 from tinysplat_runtime.container.writer import Head, write_container
 from tinysplat_runtime.errors import FormatError
 from tinysplat_runtime.gaussian.planes import PlaneClass as P

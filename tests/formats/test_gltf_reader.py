@@ -13,7 +13,7 @@ import pytest
 from scenes import refused, tells
 
 from tinysplat_runtime.errors import InputWarning
-from tinysplat_runtime.formats.colours import srgb_of_linear
+from tinysplat_runtime.formats.gltf_reader import srgb_of_linear
 from tinysplat_runtime.formats.table import load_gaussians
 from tinysplat_runtime.gaussian.sh import sh_basis
 

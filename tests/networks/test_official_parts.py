@@ -11,9 +11,8 @@ from torch.nn import functional
 
 from tinysplat.networks import build
 from tinysplat.networks.algebra import quats_to_matrices
-from tinysplat.networks.cost_volume import MIN_Z, inverse_depth_candidates, match_scores
+from tinysplat.networks.cost_volume import MIN_Z, all_others, inverse_depth_candidates, match_scores
 from tinysplat.networks.harmonics import HarmonicsToWorld, coefficient_mask, rendered_basis
-from tinysplat.networks.views import all_others
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.sh import sh_basis
 

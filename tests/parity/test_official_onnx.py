@@ -26,8 +26,8 @@ from networks.shallow import shallow_network
 from numpy.typing import NDArray
 from scenes import make_cameras, tells, write_scene
 
+from tinysplat.networks.adapter import PixelGaussians
 from tinysplat.networks.export_support import OUTPUT_NAMES, SceneNetwork, halve_weights, save_model
-from tinysplat.networks.outputs import PixelGaussians
 from tinysplat_runtime.api import Runtime
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.graphs.artifacts import Artifact

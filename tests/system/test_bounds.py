@@ -9,7 +9,7 @@ import pytest
 
 RUN = """
 import sys
-from tinysplat_runtime.system.bounds import bound_process
+from tinysplat_runtime.formats.usd_worker import bound_process
 bound_process(100 << 20, 1)
 try:
     held = bytearray(int(sys.argv[1]) << 20)

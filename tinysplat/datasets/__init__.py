@@ -10,7 +10,6 @@ Chunks are loaded with torch, `weights_only`; frames are prepared as the officia
 from __future__ import annotations
 
 from .chunks import ChunkFolder, ChunkScene
-from .indices import Window, read_paper_index
-from .specs import SPECS, DatasetSpec
+from .indices import SPECS, DatasetSpec, Window, read_paper_index
 
 __all__ = ["SPECS", "ChunkFolder", "ChunkScene", "DatasetSpec", "Window", "read_paper_index"]

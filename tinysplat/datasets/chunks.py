@@ -30,8 +30,7 @@ from tinysplat_runtime.scene.intake.realestate import pose_of
 from tinysplat_runtime.system.files import StrPath, check_readable
 from tinysplat_runtime.system.jsonfields import JsonObject
 
-from .indices import read_object
-from .specs import DatasetSpec
+from .indices import DatasetSpec, read_object
 
 INDEX_FILE = "index.json"
 CAMERA_VALUES = 18

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from tinysplat.transforms import multiply_quats
 
-from .algebra import invert_intrinsics
+from .algebra import invert_intrinsics, quats_to_matrices
 from .geometry import rotation_quats
 
 MIN_SCALE, MAX_SCALE = 0.5, 15.0
@@ -80,3 +82,29 @@ def absolute_scales(raw: Tensor) -> Tensor:
     """Scales in scene units, whatever the depth (DepthSplat of April 2025): (B, V, 3, H, W) to (B, V, H, W, 3)."""
     positive = functional.softplus(raw - SOFTPLUS_SHIFT)
     return positive.clamp(SOFTPLUS_FLOOR, SOFTPLUS_CEILING).permute(0, 1, 3, 4, 2)
+
+
+@dataclass(frozen=True)
+class PixelGaussians:
+    """Gaussians of B scenes with V views of H × W pixels; float32, world frame, scene units.
+
+    Attributes:
+        means: (B, V, H, W, 3) centres.
+        quats: (B, V, H, W, 4) unit rotations, wxyz.
+        scales: (B, V, H, W, 3) standard deviations along the local axes.
+        opacities: (B, V, H, W) in [0, 1].
+        sh: (B, V, H, W, S, 3) coefficients of the standard 3DGS basis.
+        depth: (B, V, H, W) z in the camera frame of the own view.
+    """
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    sh: Tensor
+    depth: Tensor
+
+    def covariances(self) -> Tensor:
+        """Σ = R diag(s)² Rᵀ, (B, V, H, W, 3, 3), scene units squared (Kerbl et al. 2023, eq. 6)."""
+        half = quats_to_matrices(self.quats) * self.scales[..., None, :]
+        return half @ half.transpose(-1, -2)

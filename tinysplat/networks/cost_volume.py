@@ -7,6 +7,9 @@ numbers as warping C-channel features, at 1/C of the reads. Memory is bounded by
 
 Two traits of the released networks are kept: the reference view's K serves both views, and points behind the other
 camera are not masked, only their z is clamped. Positions are integer pixel indices, without the half-pixel offset.
+
+Tensors per view are (B·V, …), the views of a scene next to each other. A list of other views is an int64 tensor
+(B·V, M) that indexes this batch: the M views of its scene that each view attends to and is swept against.
 """
 
 from __future__ import annotations
@@ -20,6 +23,42 @@ from torch.nn import functional
 
 from .algebra import invert_intrinsics
 from .geometry import relative_pose
+
+
+def all_others(c2w: Tensor) -> Tensor:
+    """Every other view of the scene in increasing order: (B·V, V − 1) from c2w (B, V, 4, 4)."""
+    scenes, views = c2w.shape[:2]
+    own = torch.arange(views, device=c2w.device)[:, None]
+    other = torch.arange(views - 1, device=c2w.device)[None]
+    return _in_batch((other + (other >= own).long()).expand(scenes, views, views - 1), views)
+
+
+def nearest_others(c2w: Tensor, count: int) -> Tensor:
+    """The `count` other views whose camera centres are nearest, or all others where there are no more than `count`.
+
+    Nearest first by Euclidean distance, but all others in increasing order. Equal distances stand as the sort leaves
+    them. The distance is a norm of differences, as ONNX has no cdist.
+
+    Args:
+        c2w: (B, V, 4, 4).
+        count: views wanted.
+
+    Returns:
+        (B·V, min(count, V − 1)).
+    """
+    views = c2w.shape[1]
+    centres = c2w[..., :3, 3]
+    distances = (centres[:, :, None] - centres[:, None]).norm(dim=-1)  # (B, V, V)
+    index = torch.arange(views, dtype=c2w.dtype, device=c2w.device)
+    keys = torch.where(index.max() > count, distances, index)
+    keys = keys.masked_fill(index[:, None] == index, -1)  # the view itself comes first and is left out
+    return _in_batch(keys.argsort(dim=-1)[..., 1:].narrow(-1, 0, torch.sym_min(views - 1, count)), views)
+
+
+def _in_batch(others: Tensor, views: int) -> Tensor:
+    first = torch.arange(others.shape[0], device=others.device)[:, None, None] * views
+    return (others + first).flatten(0, 1)
+
 
 MIN_Z = 1e-3
 """Least z of a projected point, scene units."""
@@ -66,7 +105,7 @@ def match_scores(features: Tensor, K: Tensor, c2w: Tensor, others: Tensor, dispa
         features: (B·V, C, h, w).
         K: (B·V, 3, 3) in pixels of the feature map.
         c2w: (B·V, 4, 4) camera to world, rigid.
-        others: (B·V, M) views that each view is swept against (`views.py`).
+        others: (B·V, M) views that each view is swept against (`all_others`, `nearest_others`).
         disparities: (B·V, D, h, w) or (B·V, D, 1, 1) inverse depth candidates.
 
     Returns:

@@ -15,17 +15,15 @@ from torch.nn import functional
 
 from tinysplat_runtime.gaussian.sh import C0
 
-from .adapter import absolute_scales, offset_rays, place_means, relative_scales, world_quats
+from .adapter import PixelGaussians, absolute_scales, offset_rays, place_means, relative_scales, world_quats
 from .cnn import FeatureCNN, normalize_images
-from .cost_volume import inverse_depth_candidates, match_scores
+from .cost_volume import inverse_depth_candidates, match_scores, nearest_others
 from .dinov2 import SIZES, DINOv2, monocular_features, resize
 from .dpt import DPTHead, Recipe
 from .geometry import pixel_intrinsics
 from .harmonics import HarmonicsToWorld
-from .outputs import PixelGaussians
 from .transformer import MultiViewTransformer
 from .unet import GROUPS, RefinementNet, UNet
-from .views import nearest_others
 
 Padding: TypeAlias = Literal["zeros", "replicate"]
 

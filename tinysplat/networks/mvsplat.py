@@ -10,15 +10,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .adapter import offset_rays, place_means, relative_scales, world_quats
+from .adapter import PixelGaussians, offset_rays, place_means, relative_scales, world_quats
 from .cnn import FeatureCNN, normalize_images
-from .cost_volume import inverse_depth_candidates, match_scores
+from .cost_volume import all_others, inverse_depth_candidates, match_scores
 from .geometry import pixel_intrinsics
 from .harmonics import RENDERED_DEGREE, HarmonicsToWorld
-from .outputs import PixelGaussians
 from .transformer import MultiViewTransformer
 from .unet import GROUPS, RefinementNet, UNet
-from .views import all_others
 
 FEATURES = 128
 CANDIDATES = 128

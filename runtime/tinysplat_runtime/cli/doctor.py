@@ -16,7 +16,7 @@ from ..graphs.inference import onnxruntime
 from ..graphs.providers import Provider, known_providers
 from ..system.jsonfields import JsonObject
 from ..system.threads import available_cores
-from .trial import ran_by
+from .warm import ran_by
 
 _NOT_FOR_USERS = ("docs", "dev", "release")
 _MARKERS = (("extra", "=="), ("python_version", "<"))

@@ -14,6 +14,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..api import Runtime
@@ -29,7 +30,6 @@ from ..page.story import load_story, story_of
 from ..render import render
 from ..scene.cameras import Camera
 from ..scene.intake.layouts import load_cameras, load_scene
-from ..scene.matching import reach_of, taken_as
 from ..scene.scenes import Scene
 from ..system.files import read_limited, write_atomically
 from ..system.printable import printable
@@ -210,9 +210,9 @@ def _photos(scene: Scene, cameras: Sequence[Camera], told: Told) -> dict[int, ND
         InputError: no frame belongs to any view.
     """
     photos: dict[int, NDArray] = {}
-    reach = max(reach_of(cameras), 1e-9)
+    reach = max(_reach_of(cameras), 1e-9)
     for i, camera in enumerate(told.progress("reading photos", cameras)):
-        photo = taken_as(camera, scene, reach)
+        photo = _taken_as(camera, scene, reach)
         if photo is not None:
             own = scene.frames[photo].camera
             most = max(own.height / camera.height, own.width / camera.width, 1.0)
@@ -221,3 +221,28 @@ def _photos(scene: Scene, cameras: Sequence[Camera], told: Told) -> dict[int, ND
     if not photos:
         raise InputError("no photo was taken from any of the file's views", where=str(scene.path))
     return photos
+
+
+_SAME_PLACE = 1e-3
+"""Largest distance of a photo's camera from a view's, as a share of `_reach_of` the views, and largest difference of
+their rotations' entries."""
+
+
+def _reach_of(cameras: Sequence[Camera]) -> float:
+    """The greatest distance between two of the cameras, in scene units."""
+    centres = np.stack([camera.centre for camera in cameras])
+    return float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
+
+
+def _taken_as(view: Camera, scene: Scene, reach: float) -> int | None:
+    """The photo that a view was taken as, if any.
+
+    Args:
+        view: whose pose is looked for.
+        scene: the photos.
+        reach: of all views.
+    """
+    away = [float(np.linalg.norm(frame.camera.centre - view.centre)) for frame in scene.frames]
+    turned = [float(np.abs(frame.camera.rotation - view.rotation).max()) for frame in scene.frames]
+    fits = [i for i in range(len(away)) if away[i] <= _SAME_PLACE * reach and turned[i] <= _SAME_PLACE]
+    return min(fits, key=away.__getitem__, default=None)

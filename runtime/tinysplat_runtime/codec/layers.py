@@ -1,4 +1,9 @@
-"""Layers of coded planes to Gaussians: pictures decoded on all threads, views synthesised as soon as they are whole."""
+"""Layers of coded planes to Gaussians: pictures decoded on all threads, views synthesised as soon as they are whole.
+
+A prefix of a file lacks its last planes, a damaged file those whose checksums differ. Whatever the reason, a plane that
+is not there is treated in one way, described in docs/FORMAT.md, "Prefixes": its samples are all `stand_in_code`, and a
+view without its first depth picture is hidden, since Gaussians at a guessed depth would only cover what is right.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +22,13 @@ from ..container.planes import Planes
 from ..container.records import ChannelRecord
 from ..errors import FormatError
 from ..gaussian.gaussians import Gaussians
+from ..gaussian.planes import MAX_CODE, PlaneClass
 from ..graphs.inference import GraphStore
 from ..system.stopwatch import Stopwatch
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told
 from .hevc import PlaneDecoder
-from .missing import hidden_views, stand_in_code
+from .quantise import MID_CODE
 from .synthesis import LayerSynthesis, coded_channels
 
 
@@ -163,3 +169,28 @@ def _decode_layer(pictures: _Pictures, synthesis: LayerSynthesis, crew: Crew) ->
     spent = sum(run_jobs(lambda task: task[1](), tasks)) / crew.threads
     pictures.file.watch.add("synthesis", spent)
     pictures.file.watch.add("libavcodec", time.perf_counter() - start - spent)
+
+
+def stand_in_code(layer: LayerHeader, channel: int) -> int:
+    """The code of every sample of an absent picture of the layer's record `channel`.
+
+    Encoders put a channel's mean at code 2048 where its range allows. A record that refines another one's depth adds
+    nothing instead: it takes the code whose value is nearest to 0.
+    """
+    record = layer.channels[channel]
+    is_refinement = record.key in (earlier.key for earlier in layer.channels[:channel])
+    if not is_refinement or record.scale == 0:
+        return MID_CODE
+    return min(max(round(-record.offset / record.scale), 0), MAX_CODE)
+
+
+def hidden_views(layer: LayerHeader) -> list[int]:
+    """Views of the layer whose first depth picture is absent: their Gaussians get opacity 0."""
+    first = next((c for c in layer.channels if c.plane_class == PlaneClass.DEPTH), None)
+    return [] if first is None else [view for view in range(len(layer.cameras)) if first.lacks(view)]
+
+
+def first_picture_end(planes: Planes) -> int:
+    """Bytes of the smallest prefix that holds a depth picture of layer 0, which must have one."""
+    records = planes.layers[0].channels
+    return next(c.pictures[0].end for c in records if c.plane_class == PlaneClass.DEPTH and c.pictures)

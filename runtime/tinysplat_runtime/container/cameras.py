@@ -12,8 +12,7 @@ from ..errors import FormatError, InputError
 from ..scene.cameras import MAX_IMAGE_SIDE, MAX_POSITION, Camera
 from ..scene.viewpoints import Viewpoint, viewpoint_of
 from . import layout as L
-from .columns import packed_columns, read_columns
-from .sections import Cursor, NewSection, Section
+from .sections import Cursor, NewSection, Section, packed_columns, read_columns
 
 COLUMNS = 19
 """fx, fy, cx, cy, skew and width, height in pixels; c2w's upper three rows."""

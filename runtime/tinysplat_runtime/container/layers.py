@@ -15,9 +15,8 @@ from ..scene.cameras import Camera
 from . import layout as L
 from .body import Opened
 from .cameras import has_own_intrinsics, packed_intrinsics
-from .columns import packed_columns, read_columns
 from .records import ChannelRecord
-from .sections import Cursor, NewSection, require
+from .sections import Cursor, NewSection, packed_columns, read_columns, require
 
 UNIT_TOLERANCE = 1e-3
 """Of the length of a reference quaternion."""

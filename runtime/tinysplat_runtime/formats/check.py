@@ -10,10 +10,9 @@ import numpy as np
 
 from ..gaussian.gaussians import Gaussians
 from ..render import DEFINITION, Renderer
-from ..render.compare import mean_decibels
 from ..render.paths import orbit, outside
 from ..scene.cameras import Camera
-from ..system.decibels import CEILING
+from ..system.decibels import CEILING, mean_decibels
 from ..system.evenly import evenly
 from ..system.files import StrPath
 from .table import load_gaussians

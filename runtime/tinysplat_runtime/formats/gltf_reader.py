@@ -1,7 +1,7 @@
 """Read the points of glTF 2.0 files with the extension KHR_gaussian_splatting: bytes in, arrays out.
 
 All splat primitives of the file's scene become one list, each where its nodes put it; quantised accessors are read,
-and SPZ files by the draft KHR_gaussian_splatting_compression_spz_2. Linear colours become sRGB ones (`colours`); other
+and SPZ files by the draft KHR_gaussian_splatting_compression_spz_2. Linear colours become sRGB ones; other
 kernels, projections, orders and colour spaces are refused, and so is an extension that the file requires and nobody
 here knows. What is written, and the source, stand in `gltf`.
 
@@ -27,15 +27,15 @@ from numpy.typing import NDArray
 from ..errors import InputError, warn, within
 from ..gaussian.notes import known_notes
 from ..gaussian.quaternions import normalize_quats, quats_to_matrices
+from ..gaussian.sh import C0, sh_basis, sh_degree, spread_directions
 from ..scene.cameras import Camera
+from ..scene.colours import encoded_srgb
 from ..system.files import parsing, read_limited
 from ..system.jsonfields import JsonObject, parse_object
 from .arrays import viewpoint_arrays
 from .assembly import Contents, joined
-from .axes import half_turned
-from .colours import srgb_of_linear
+from .axes import half_turned, placed
 from .gltf import BINARY_CHUNK, EXTENSION, FRAME, GLB_MAGIC, JSON_CHUNK, sh_names
-from .placement import placed
 from .spz import decode_spz
 
 SRGB, LINEAR = "srgb_rec709_display", "lin_rec709_display"
@@ -316,3 +316,24 @@ def _primitive_arrays(file: _File, attributes: JsonObject) -> dict[str, NDArray]
     arrays = {field: columns[name] for name, (field, _) in _ARRAYS.items()}
     arrays["quats"] = np.roll(arrays["quats"], 1, axis=1)  # xyzw to wxyz
     return {**arrays, "sh": np.stack([columns[name] for name in terms], axis=1)}
+
+
+_DIRECTIONS = 64  # of degree 3 and below, well spread ones tell all
+_ROWS = 1 << 14  # Gaussians at a time
+
+
+def srgb_of_linear(sh: NDArray) -> NDArray:
+    """Coefficients (N, B, 3) float64 whose colours are about those of linear BT.709 ones, encoded as sRGB.
+
+    Exact at degree 0. Above, they are fitted to the encoded colours of many directions, which are no polynomial.
+    """
+    sh = sh.astype(np.float64)
+    if sh.shape[1] == 1:
+        return (encoded_srgb((0.5 + C0 * sh).clip(0)) - 0.5) / C0
+    basis = sh_basis(spread_directions(_DIRECTIONS), sh_degree(sh.shape[1]))
+    back = np.linalg.pinv(basis)
+    fitted = np.empty_like(sh)
+    for start in range(0, len(sh), _ROWS):
+        rows = slice(start, start + _ROWS)
+        fitted[rows] = back @ (encoded_srgb((0.5 + basis @ sh[rows]).clip(0)) - 0.5)
+    return fitted

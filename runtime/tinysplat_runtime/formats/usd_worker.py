@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..gaussian.notes import NAMES
-from ..system.bounds import bound_process
 from .assembly import joined
-from .placement import placed
+from .axes import placed
 
 TYPE = "ParticleField3DGaussianSplat"
 NOTE_KEY = "tinysplat:"
@@ -118,6 +117,19 @@ def _placed(arrays: dict[str, NDArray], matrix: NDArray, z_up: bool) -> dict[str
     if z_up:  # to y up: z becomes y, y becomes −z
         matrix = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]) @ matrix
     return placed(arrays, matrix)
+
+
+def bound_process(memory: int, seconds: int) -> None:
+    """Let this process take at most `memory` bytes of address space beyond what it holds, and so many CPU seconds."""
+    try:
+        import resource
+    except ImportError:
+        return
+    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 1 << 20
+    held = pages * resource.getpagesize()
+    for kind, wanted in ((resource.RLIMIT_AS, held + memory), (resource.RLIMIT_CPU, seconds)):
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
 
 
 def main(path: str, out: str, max_bytes: int) -> int:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..codec.job import Job
-from ..codec.layers import OpenFile, decode_layers
-from ..codec.missing import first_picture_end, hidden_views
+from ..codec.layers import OpenFile, decode_layers, first_picture_end, hidden_views
 from ..container.planes import Planes
 from ..errors import FormatError
 from ..gaussian.gaussians import Gaussians

@@ -23,10 +23,9 @@ from ..modes.list import rounding_of
 from ..modes.mode import find_mode
 from ..modes.recode import encode_like
 from ..render import Renderer
-from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
 from ..system import disk
-from ..system.decibels import decibels
+from ..system.decibels import decibels, mean_decibels
 from ..system.evenly import evenly
 from ..system.threads import Crew
 from ..system.told import NOBODY, Told

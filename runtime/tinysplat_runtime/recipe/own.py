@@ -12,9 +12,9 @@ from ..gaussian.gaussians import FIELDS, Gaussians
 from ..modes.decoder import decode_file
 from ..network.ways import LEAST_EACH
 from ..render import Renderer
-from ..render.compare import mean_decibels
 from ..scene.cameras import Camera
 from ..scene.viewchoice import ALL_VIEWS
+from ..system.decibels import mean_decibels
 from ..system.evenly import evenly
 from ..system.told import NOBODY, Told
 from .compress import Encoded

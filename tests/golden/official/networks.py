@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tinysplat.networks import DepthSplat, MVSplat, build
-from tinysplat.networks.outputs import PixelGaussians
+from tinysplat.networks.adapter import PixelGaussians
 from tinysplat_runtime.gaussian.quaternions import conjugate_quats, matrices_to_quats, multiply_quats
 
 from .check_golden import load_fixture
