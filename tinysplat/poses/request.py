@@ -13,12 +13,7 @@ from tinysplat_runtime.system.options import REQUIRED, Options, flag, option
 
 from .panoramas import Wedge
 
-
-def frame_count(given: object) -> int:
-    """How many frames of a video."""
-    if not 2 <= kinds.whole(given) <= 1000:
-        raise kinds.refused(given, "a whole number of 2 to 1000")
-    return kinds.whole(given)
+frame_count = kinds.such(kinds.whole, lambda count: 2 <= count <= 1000, "a whole number of 2 to 1000")
 
 
 def part(given: object) -> Wedge | str:

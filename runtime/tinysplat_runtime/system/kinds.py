@@ -11,11 +11,13 @@ import math
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 from ..errors import InputError
 from .files import StrPath
 from .printable import type_of
+
+Value = TypeVar("Value")
 
 _BYTES = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30}
 
@@ -33,37 +35,41 @@ def refused(given: object, expected: str) -> InputError:
     return InputError(f"{shown(given)}, expected {expected}")
 
 
-def flag(given: object) -> bool:
-    """Whether."""
-    if not isinstance(given, bool):
-        raise refused(given, "true or false")
-    return given
+def of_type(expected: str, *types: type) -> Callable[[object], Any]:
+    """The kind of what is of one of these types."""
+
+    def kind(given: object) -> object:
+        if not isinstance(given, types):
+            raise refused(given, expected)
+        return given
+
+    return kind
 
 
-def text(given: object) -> str:
-    """Any text."""
-    if not isinstance(given, str):
-        raise refused(given, "text")
-    return given
+def such(kind: Callable[[object], Value], holds: Callable[[Value], bool], expected: str) -> Callable[[object], Value]:
+    """A kind of whose values only those are taken of which something holds."""
+
+    def narrower(given: object) -> Value:
+        value = kind(given)
+        if not holds(value):
+            raise refused(given, expected)
+        return value
+
+    return narrower
 
 
-def path(given: object) -> StrPath:
-    """A file or folder."""
-    if not isinstance(given, str | os.PathLike):
-        raise refused(given, "a path")
-    return given
+flag: Callable[[object], bool] = of_type("true or false", bool)
 
+text: Callable[[object], str] = of_type("text", str)
 
-def written(given: object) -> StrPath:
-    """A file to write."""
-    return path(given)
+path: Callable[[object], StrPath] = of_type("a path", str, os.PathLike)
+"""A file or folder."""
 
+written: Callable[[object], StrPath] = of_type("a path", str, os.PathLike)
+"""A file to write."""
 
-def file(given: object) -> bytes | StrPath:
-    """A file by its path, or its bytes."""
-    if not isinstance(given, str | bytes | os.PathLike):
-        raise refused(given, "bytes or a path")
-    return given
+file: Callable[[object], bytes | StrPath] = of_type("bytes or a path", str, bytes, os.PathLike)
+"""A file by its path, or its bytes."""
 
 
 def cameras(given: object) -> Sequence[object] | StrPath:
@@ -83,11 +89,7 @@ def whole(given: object) -> int:
     return int(given)  # type: ignore[call-overload]
 
 
-def count(given: object) -> int:
-    """A whole number of 1 or more."""
-    if whole(given) < 1:
-        raise refused(given, "1 or more")
-    return whole(given)
+count = such(whole, lambda value: value >= 1, "1 or more")
 
 
 def number(given: object) -> float:
@@ -101,25 +103,16 @@ def number(given: object) -> float:
     return value
 
 
-def positive(given: object) -> float:
-    """A finite number above 0."""
-    if number(given) <= 0:
-        raise refused(given, "a number above 0")
-    return number(given)
+positive = such(number, lambda value: value > 0, "a number above 0")
 
+ratio = such(number, lambda value: 1e-9 <= value <= 1e9, "a number of 1e-9 to 1e9")
+"""How many times as large."""
 
-def ratio(given: object) -> float:
-    """How many times as large."""
-    if not 1e-9 <= number(given) <= 1e9:
-        raise refused(given, "a number of 1e-9 to 1e9")
-    return number(given)
+decibels = such(number, lambda value: 0 < value < 120, "more than 0 and less than 120 dB")
+"""A PSNR to reach."""
 
-
-def port(given: object) -> int:
-    """A TCP port, 0 for any."""
-    if not 0 <= whole(given) <= 65535:
-        raise refused(given, "a port of 0 to 65535")
-    return whole(given)
+port = such(whole, lambda value: 0 <= value <= 65535, "a port of 0 to 65535")
+"""A TCP port, 0 for any."""
 
 
 def numbers(length: int | None = None) -> Callable[[object], tuple[float, ...]]:
@@ -187,20 +180,11 @@ def size(given: object) -> tuple[int, int]:
     return sides[0], sides[1]
 
 
-def grid(given: object) -> tuple[int, int, int]:
-    """`2,256,384` or (2, 256, 384): views, height and width."""
-    sides = indices(given)
-    if len(sides) != 3 or min(sides) < 1:
-        raise refused(given, "V,H,W of 1 or more")
-    return sides[0], sides[1], sides[2]
+grid = such(indices, lambda sides: len(sides) == 3 and min(sides) > 0, "V,H,W of 1 or more")
+"""`2,256,384` or (2, 256, 384): views, height and width."""
 
-
-def bits(given: object) -> tuple[int, int]:
-    """`5,4` or (5, 4): bits of SH coefficients of degree 1, and of those above."""
-    both = indices(given)
-    if len(both) != 2:
-        raise refused(given, "two numbers of 1 to 8")
-    return both[0], both[1]
+bits = such(indices, lambda both: len(both) == 2, "two numbers of 1 to 8")
+"""`5,4` or (5, 4): bits of SH coefficients of degree 1, and of those above."""
 
 
 def colour(given: object) -> tuple[float, float, float]:
@@ -229,10 +213,3 @@ def byte_count(given: object) -> int:
     if not 1 <= value < 1 << 40:
         raise refused(given, "a size such as 100KB, 1.5MB or 4096")
     return int(value)
-
-
-def decibels(given: object) -> float:
-    """A PSNR to reach."""
-    if not 0 < number(given) < 120:
-        raise refused(given, "more than 0 and less than 120 dB")
-    return number(given)

@@ -84,7 +84,6 @@ class Listing:
         columns: what each line says, by heading; the first one stands to the left.
         by: attributes and settings whose values tell lines apart; empty for a line per row.
         sections: the attribute that has a table per value, under that value; empty for one table.
-        text: above the tables.
         wanted: which of the rows are shown.
     """
 
@@ -92,7 +91,6 @@ class Listing:
     columns: Mapping[str, Cell]
     by: Sequence[str] = ()
     sections: str = ""
-    text: str = ""
     wanted: Callable[[Row], bool] = lambda _: True
 
     def __call__(self, rows: Sequence[Row]) -> str:
@@ -102,7 +100,7 @@ class Listing:
             return ""
         parts = grouped(rows, self.sections) if self.sections else {("",): rows}
         tables = [f"**{name}**\n\n{self.table(part)}" if name else self.table(part) for (name,), part in parts.items()]
-        return "\n\n".join([*filter(None, [self.text]), *tables])
+        return "\n\n".join(tables)
 
     def table(self, rows: Sequence[Row]) -> str:
         """One table of rows, whatever their study."""
@@ -121,11 +119,15 @@ def said(name: str, write: Write = str) -> Cell:
     return lambda rows: write(getattr(rows[0], name, rows[0].setting.get(name)))
 
 
-def mean(name: str, write: Write, kind: str = "figures") -> Cell:
-    """Mean of a figure, or of a cost with `kind` costs, over the rows of a group that have it; a dash for none."""
+def mean(name: str, write: Write, kind: str = "figures", *, way: str = "") -> Cell:
+    """Mean of a figure, or of a cost with `kind` costs, over the rows of a group that have it; a dash for none.
+
+    Where a `way` is given, over its rows alone.
+    """
 
     def cell(rows: Sequence[Row]) -> str:
-        values = [getattr(row, kind)[name] for row in rows if getattr(row, kind).get(name) is not None]
+        measured = [getattr(row, kind).get(name) for row in rows if way in ("", row.way)]
+        values = [value for value in measured if value is not None]
         return write(statistics.fmean(values)) if values else ABSENT
 
     return cell

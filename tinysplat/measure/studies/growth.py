@@ -268,21 +268,22 @@ def _power(first: Row, last: Row, of: Callable[[Row], float]) -> str:
     return f"{times:.2f}".replace("-", "−")
 
 
+_CAPTURES = Listing(
+    "growth captures",
+    {
+        "photos": said("x", "{:,}".format),
+        "processor seconds": mean("cpu", duration, "costs"),
+        "peak memory": mean("peak_bytes", megabytes, "costs"),
+        "file": mean("bytes", lambda count: f"{count / 1000:,.0f} KB"),
+    },
+)
+
+
 def capture_table(rows: Sequence[Row]) -> str:
     """A line per number of photos of a capture, and by what power of that all of it grows."""
     captures = sorted((row for row in of_study(rows, "growth captures") if row.costs), key=lambda r: r.setting["x"])
     if not captures:
         return ""
-    lines = [
-        [
-            f"{row.setting['x']:,}",
-            duration(row.costs["cpu"]),
-            megabytes(row.costs["peak_bytes"]),
-            f"{row.figures['bytes'] / 1000:,.0f} KB",
-        ]
-        for row in captures
-    ]
-    table = format_table(["photos", "processor seconds", "peak memory", "file"], lines)
     size = captures[0].way.partition("x")[2].replace("x", "×")
     text = f"Photos of {size}, a capture of {CAPTURE_PHOTOS} of the room repeated in other places."
     large = [row for row in captures if row.setting["x"] >= LARGE_CAPTURE]
@@ -295,7 +296,7 @@ def capture_table(rows: Sequence[Row]) -> str:
             f" From {first.setting['x']} to {last.setting['x']:,} photos processor seconds grow by the power {seconds}"
             f" of their number, bytes by {size}, and memory by {memory}."
         )
-    return f"{text}\n\n{table}"
+    return f"{text}\n\n{_CAPTURES.table(captures)}"
 
 
 def photo_line(rows: Sequence[Row]) -> str:

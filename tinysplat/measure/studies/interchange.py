@@ -20,7 +20,7 @@ from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.intake.layouts import load_scene
 
 from ..rows import Row
-from ..show.tables import Cell, Listing, Write, decibels, kilobytes, mean, said
+from ..show.tables import Listing, decibels, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.room import write_room
 
@@ -63,20 +63,16 @@ _COLUMNS = {
 _IN_SHORT = ("PLY (3DGS)", "SPZ", "SOG")
 
 
-def _of(way: str, name: str, write: Write) -> Cell:
-    return lambda rows: mean(name, write)([row for row in rows if row.way == way])
-
-
 _SIDE_BY_SIDE = {
     "": said("subject"),
     "Gaussians": said("count", "{:,}".format),
-    "PLY, KB": _of("PLY (3DGS)", "bytes", kilobytes),
-    "SPZ, KB": _of("SPZ", "bytes", kilobytes),
-    "SPZ, dB": _of("SPZ", "psnr_decoded_raw", decibels),
-    "SOG, KB": _of("SOG", "bytes", kilobytes),
-    "SOG, dB": _of("SOG", "psnr_decoded_raw", decibels),
-    f"`{SUFFIX}`, KB": _of(OURS, "bytes", kilobytes),
-    f"`{SUFFIX}`, dB": _of(OURS, "psnr_decoded_raw", decibels),
+    "PLY, KB": mean("bytes", kilobytes, way="PLY (3DGS)"),
+    "SPZ, KB": mean("bytes", kilobytes, way="SPZ"),
+    "SPZ, dB": mean("psnr_decoded_raw", decibels, way="SPZ"),
+    "SOG, KB": mean("bytes", kilobytes, way="SOG"),
+    "SOG, dB": mean("psnr_decoded_raw", decibels, way="SOG"),
+    f"`{SUFFIX}`, KB": mean("bytes", kilobytes, way=OURS),
+    f"`{SUFFIX}`, dB": mean("psnr_decoded_raw", decibels, way=OURS),
 }
 
 INTERCHANGE = Study(
