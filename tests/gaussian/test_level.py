@@ -88,6 +88,17 @@ def test_what_nothing_fixes_is_not_sure(kind: str) -> None:
     assert not level_of(*turned(UNSURE[kind]())[:2]).is_sure
 
 
+def test_gravity_that_photos_state_tells_up_where_nothing_else_does() -> None:
+    views, points, up = turned(UNSURE["cameras in a line, all looking down"]())
+    falls = np.random.default_rng(4).normal(-up, 0.02, (7, 3))
+    falls[0] = np.roll(falls[0], 1)  # one that somebody has turned
+    falls /= np.linalg.norm(falls, axis=1, keepdims=True)
+    level = level_of(views, points, falls=falls)
+    assert level.is_sure and (level.rotation @ up)[1] < -np.cos(np.radians(2)) and tells(level.evidence, "7 gravity")
+    assert not level_of(views, points, falls=falls[:5]).is_sure  # of 12 photos
+    assert not level_of(views, points, falls=np.roll(np.eye(3), 1, axis=0).repeat(3, axis=0)).is_sure  # at odds
+
+
 def test_the_ground_is_at_0_and_the_middle_above_it() -> None:
     views, points, _ = turned(SURE["a table from all sides, the phone askew"]())
     level = level_of(views, points)

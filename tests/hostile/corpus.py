@@ -250,9 +250,10 @@ def heic_seeds() -> tuple[bytes, ...]:
 
 
 def pillow_seeds() -> tuple[bytes, ...]:
-    """WebP and TIFF photos of 24×16 with Exif that tells their lens; libtiff, which prints, reads compressed ones."""
+    """WebP and TIFF photos of 24×16 with Exif, their lens and gravity; libtiff, which prints, reads compressed ones."""
+    note = b"Apple iOS\0\0\1MM" + struct.pack(">HHHIII6i", 1, 8, 10, 3, 32, 0, 0, 1, -9, 10, -1, 10)
     exif = Image.Exif()
-    exif.get_ifd(0x8769).update({0x920A: 5.7, 0xA405: 26, 0xA434: "of glass"})
+    exif.get_ifd(0x8769).update({0x920A: 5.7, 0xA405: 26, 0xA434: "of glass", 0x927C: note})
     photo = Image.fromarray(make_photo(16, 24))
     kinds = ((".webp", {"lossless": True}), (".webp", {}), (".tif", {}))
     return tuple(_written(end, lambda path, how=how: photo.save(path, exif=exif, **how)) for end, how in kinds)

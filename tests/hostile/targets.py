@@ -36,7 +36,7 @@ from tinysplat_runtime.page.story import load_story
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.colours import of_icc, to_srgb
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import is_transparent, read_image, taken_with
+from tinysplat_runtime.scene.images import gravity, is_transparent, read_image, taken_with
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 from tinysplat_runtime.scene.masks import Mask
 
@@ -214,6 +214,12 @@ def _mask(path: Path) -> None:
     is_transparent(path)
 
 
+def _exif(path: Path) -> None:
+    taken_with(path)
+    if not np.isfinite(gravity(path) or 0).all():
+        raise BrokenPromiseError("gravity that is no number")
+
+
 def _panorama(path: Path) -> None:
     if not says_panorama(path):
         raise InputError("not said to be 360°")
@@ -372,7 +378,7 @@ TARGETS: dict[str, Target] = {
         Target("panorama", _from_file(".mp4", corpus.panorama_seeds, _panorama), (InputError,)),
         Target("heic", _from_file(".heic", corpus.heic_seeds, read_image), (InputError,)),
         Target("webp and tiff", _from_file(".webp", corpus.pillow_seeds, read_image), (InputError,)),
-        Target("lens", _from_file(".webp", corpus.pillow_seeds, taken_with), (InputError,)),
+        Target("lens", _from_file(".webp", corpus.pillow_seeds, _exif), (InputError,)),
         Target("profile", _from_file(".icc", corpus.profile_seeds, _profile), (InputError,)),
         Target("video", _from_file(".mp4", corpus.video_seeds, _video), (InputError,)),
         Target("onnx", _from_file(".onnx", corpus.model_seeds, _model), (ModelError,)),

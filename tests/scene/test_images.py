@@ -12,14 +12,16 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+import pillow_heif
 import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageOps
 from scenes import refusing, tells
 
 from tinysplat_runtime.errors import InputError
+from tinysplat_runtime.scene.exif import gravity as exif_gravity
 from tinysplat_runtime.scene.exif import taken_with as exif_taken_with
-from tinysplat_runtime.scene.images import MAX_PIXELS, image_size, is_turned, read_image, taken_with
+from tinysplat_runtime.scene.images import MAX_PIXELS, gravity, image_size, is_turned, read_image, taken_with
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.resampling import resize_cover, scaled
 
@@ -218,6 +220,29 @@ def test_lenses_are_told_by_exif(tmp_path: Path, kind: str) -> None:
         said.append(taken_with(tmp_path / "photo"))
     assert len(set(said)) == 3 and said[2] == said[3] == (b"Sony", None, b"of glass", 35.0, 52, None)
     assert set(exif_taken_with(b"II*\0\10\0\0\0\xff\xff")) == {None}
+
+
+def apple_note(*rationals: int) -> bytes:
+    """A maker note as iPhones write it, of a tag that nobody reads and one acceleration."""
+    tags = struct.pack(">HHHIiHHII", 2, 1, 9, 1, 14, 8, 10, 3, 14 + 2 + 2 * 12 + 4)
+    return b"Apple iOS\0\0\1MM" + tags + bytes(4) + struct.pack(">6i", *rationals)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP", "HEIF"])
+def test_a_phone_tells_which_way_things_fell(tmp_path: Path, kind: str) -> None:
+    pillow_heif.register_heif_opener()
+    for note, stated in (
+        (apple_note(-1, 4, -9, 10, 3, 100), (-0.25, -0.9, 0.03)),
+        (apple_note(1, 0, 1, 1, 1, 1), None),
+        (apple_note(1, 2, 3, 4, 5, 6)[:-1], None),
+        (b"Canon" + apple_note(1, 2, 3, 4, 5, 6), None),
+    ):
+        exif = Image.Exif()
+        exif[0x010F] = "Apple"
+        exif.get_ifd(0x8769)[0x927C] = note
+        read_bytes(tmp_path, encoded(Image.fromarray(photo_like(64, 64)), kind, exif=exif))
+        assert gravity(tmp_path / "photo") == stated
+    assert exif_gravity(b"II*\0\10\0\0\0\xff\xff") is None
 
 
 def test_a_tiff_of_16_bits_is_rounded_and_raw_data_refused(tmp_path: Path) -> None:

@@ -30,8 +30,9 @@ def configure(parser: ArgumentParser) -> None:
     parser.description = (
         "Finds where each photo was taken from, takes lens distortion out, and writes photos, cameras.json,"
         " transforms.json and COLMAP's text files. Of a video, sharp frames are chosen, apart by as much as the camera"
-        " moved, and more where few of them can be placed. The world stands upright, with y down and the ground at 0;"
-        " its unit is arbitrary. Photos that could not be placed are named on standard error."
+        " moved, and more where few of them can be placed. The world stands upright, by gravity where photos of an"
+        " iPhone state it, with y down and the ground at 0; its unit is arbitrary. Photos"
+        " that could not be placed are named on standard error."
     )
     add_options(parser, Poses, PosesRequest)
 

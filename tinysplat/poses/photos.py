@@ -11,7 +11,7 @@ import numpy as np
 from tinysplat_runtime.errors import InputError, warn
 from tinysplat_runtime.scene import heic, pillow
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
-from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, image_size, taken_with
+from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, gravity, image_size, taken_with
 from tinysplat_runtime.scene.intake.masks import masks_of
 from tinysplat_runtime.scene.intake.photos import own_photos
 from tinysplat_runtime.scene.masks import Mask
@@ -50,7 +50,8 @@ def taken_as_photos(request: PosesRequest, found: Sequence[str], photos: Path, t
         warn(f"{source}: {len(used)} lenses or zooms, as the photos fit: each has a camera of its own")
     check_placement(placement)
     check_enough(names, placement)
-    return Taken(names, masks, placement)
+    stated = {copy: said for copy, name in names.items() if (said := gravity(source / name))}
+    return Taken(names, masks, placement, stated)
 
 
 def photos_at(path: Path) -> Path:

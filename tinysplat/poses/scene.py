@@ -98,7 +98,7 @@ def _written(output: Path, photos: Path, taken: Taken, told: Told) -> Posed:
     kept = np.array([entry["name"] in right for entry in entries])
     w2c = np.array([entry["w2c"] for entry in entries])
     near, far = observed_range(w2c, points, observations[kept[observations[:, 0]]])
-    placed, points, level = upright([entry for entry in entries if entry["name"] in right], points)
+    placed, points, level = upright([entry for entry in entries if entry["name"] in right], points, taken.gravity)
     cameras = write_folder(output, photos, placed, (near, far), (points, colours, errors), taken.masks, told)
     return Posed(cameras, near, far, level)
 

@@ -3,7 +3,8 @@ middle of what is looked at x = z = 0.
 
 People hold cameras level: the x axes of cameras are horizontal, however far they look up or down. Normals of floors and
 tables lie along the vertical, those of walls across it. One fit weighs all of these, each by how well it agrees
-(iteratively reweighted least squares; Holland and Welsch 1977).
+(iteratively reweighted least squares; Holland and Welsch 1977). Where most photos say which way things fell and agree,
+that is the vertical.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ POINTS, NEIGHBOURS = 4000, 24
 
 SURE_DEGREES = 5.0
 """Standard deviation of the vertical up to which a scene is turned."""
+
+LEAST_OFF = 0.5
+"""Degrees that a vertical may be off that photos state, however many agree."""
 
 _UP = np.array([0.0, -1.0, 0.0])
 _DIRECTIONS = 6000  # about 3° apart
@@ -84,13 +88,17 @@ def levelled(gaussians: Gaussians, told: Told = NOBODY) -> Gaussians:
     return similarity(gaussians, level.rotation, 1, level.translation)
 
 
-def level_of(cameras: Sequence[Camera], points: NDArray, areas: NDArray | None = None) -> Level:
+def level_of(
+    cameras: Sequence[Camera], points: NDArray, areas: NDArray | None = None, falls: NDArray | None = None
+) -> Level:
     """Find the vertical, the ground and the middle of a scene.
 
     Args:
         cameras: of its photos; without any, surfaces alone tell the vertical, which lies about −y.
         points: (N, 3) float64 on its surfaces, world.
         areas: (N,) of the surface that each stands for; None for equal ones.
+        falls: (n, 3) float64 which way things fell as photos were taken, unit vectors, world; None for no photos that
+            say so.
     """
     chosen = evenly(len(points), POINTS) if len(points) else []
     points = points[chosen]
@@ -101,7 +109,11 @@ def level_of(cameras: Sequence[Camera], points: NDArray, areas: NDArray | None =
     for degrees in _HALF_DEGREES:
         up = _fitted(up, rights, normals, weights, float(np.sin(np.radians(degrees))))
     up = up if up @ mean_up >= 0 else -up
-    off, evidence = _judged(up, rights, normals, weights if up @ mean_up > _LIKELY else 0 * weights, rival)
+    stated = None if falls is None or 2 * len(falls) < len(cameras) else _stated(falls)
+    if stated is not None:
+        up, off, evidence = stated
+    else:
+        off, evidence = _judged(up, rights, normals, weights if up @ mean_up > _LIKELY else 0 * weights, rival)
     rotation = _turn(up)
     middle = _middle(cameras, points)
     away = np.linalg.norm(points - middle, axis=1)
@@ -185,6 +197,17 @@ def _judged(up: NDArray, rights: NDArray, normals: NDArray, weights: NDArray, ri
     found += [f"floors ({floors:.0%} of surfaces)"] if floors > _CLEAR / 2 else []
     found += [f"walls ({walls:.0%})"] if walls > _CHANCE else []
     return _off(known), ", ".join(found) or "nothing"
+
+
+def _stated(falls: NDArray) -> tuple[NDArray, float, str] | None:
+    """The vertical against which things fell, its standard deviation in degrees and what speaks for it; None where
+    photos contradict each other, as those do that somebody has turned.
+    """
+    down = np.median(falls, axis=0)
+    down /= max(float(np.linalg.norm(down)), 1e-12)
+    away = float(np.degrees(np.median(np.arccos(np.clip(falls @ down, -1, 1)))))
+    off = max(away / float(np.sqrt(len(falls))), LEAST_OFF)
+    return None if away > SURE_DEGREES else (-down, off, f"gravity as {len(falls)} photos state it")
 
 
 def _off(known: NDArray) -> float:

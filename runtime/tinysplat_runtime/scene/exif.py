@@ -1,4 +1,4 @@
-"""What a photo's Exif says: how it is turned, its lens, and Adobe RGB, which cameras state nowhere else.
+"""What a photo's Exif says: how it is turned, its lens, which way things fell, and Adobe RGB, stated nowhere else.
 
 Trust boundary: a TIFF structure (TIFF 6.0, section 2) in which offsets lead anywhere; what is damaged says nothing.
 """
@@ -9,6 +9,8 @@ import struct
 
 _ORIENTATION, _EXIF, _INTEROPERABILITY, _INDEX = 0x0112, 0x8769, 0xA005, 0x0001
 _MAKE, _MODEL, _FOCAL, _ZOOM, _FOCAL_35, _LENS = 0x010F, 0x0110, 0x920A, 0xA404, 0xA405, 0xA434
+_NOTE, _ACCELERATION = 0x927C, 0x0008
+_APPLE = b"Apple iOS\0\0\1MM"  # followed by a directory, whose offsets count from the start of the note
 _ASCII, _RATIONALS = 2, {5: "2I", 10: "2i"}  # types of values, and others by what `struct` calls them
 _NUMBERS = {3: ("H", True), 4: ("I", True), 11: ("f", True), 12: ("d", False)}  # and whether the entry itself has it
 _MOST_TEXT = 200
@@ -52,6 +54,24 @@ def taken_with(tiff: bytes) -> tuple[object, ...]:
             except struct.error:
                 said.append(None)
     return tuple(said)
+
+
+def gravity(tiff: bytes) -> tuple[float, float, float] | None:
+    """Which way things fell, in g to the right and top of a phone's screen and out of it, as iPhones write in their
+    maker note; None where it is not said or damaged.
+    """
+    try:
+        order, directory = _start(tiff)
+        (directory,) = struct.unpack(f"{order}I", _entry(tiff, order, directory, _EXIF))
+        _, size, at = struct.unpack(f"{order}HII", _entry(tiff, order, directory, _NOTE, whole=True))
+        note = tiff[at : at + size]
+        if not note.startswith(_APPLE):
+            return None
+        _, _, at = struct.unpack(">HII", _entry(note, ">", len(_APPLE), _ACCELERATION, whole=True))
+        x, of_x, y, of_y, z, of_z = struct.unpack_from(">6i", note, at)
+    except struct.error:
+        return None
+    return (x / of_x, y / of_y, z / of_z) if of_x and of_y and of_z else None
 
 
 def _value(tiff: bytes, order: str, directory: int, tag: int) -> object:

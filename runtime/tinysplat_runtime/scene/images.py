@@ -144,6 +144,11 @@ def taken_with(path: StrPath) -> tuple[object, ...]:
     return exif.taken_with(_headers(path).exif)
 
 
+def gravity(path: StrPath) -> tuple[float, float, float] | None:
+    """Which way things fell as a phone took a photo (`exif.gravity`); errors of `image_size`."""
+    return exif.gravity(_headers(path).exif)
+
+
 def _headers(path: StrPath) -> _Stripped:
     """A photo's parts, once they are known to be of a size that may be decoded; errors of `image_size`."""
     with within(str(path)):
