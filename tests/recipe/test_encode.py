@@ -114,11 +114,12 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
 
 
 def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
-    """Two figures and seconds, the more the more there is to show, and no more Gaussians than are asked for."""
+    """Two figures and seconds, the more the more there is to show, and no more than is asked for."""
 
-    def foretold(side: int, views: int, at_most: int | None = None) -> list[float]:
-        scene = ts.load_scene(write_scene(tmp_path / f"{side} {views} {at_most}", views=views, height=side, width=side))
-        line = list_forecast(EncodeRequest(scene, at_most=at_most), scene)
+    def foretold(side: int, views: int, at_most: int | None = None, train: str | None = None) -> list[float]:
+        folder = tmp_path / f"{side} {views} {at_most} {train}"
+        scene = ts.load_scene(write_scene(folder, views=views, height=side, width=side))
+        line = list_forecast(EncodeRequest(scene, at_most=at_most, train=train), scene)
         assert line.startswith(f"{views} photos of {side}x{side}:")
         words = line.replace(",", "").split()
         return [float(words[words.index(unit) - 1]) for unit in ("Gaussians", "KB", "CPU")]
@@ -127,6 +128,7 @@ def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
     for other in (larger, more):
         assert all(a < b for a, b in zip(one, other, strict=True))
     assert foretold(192, 9, at_most=120)[0] == 120
+    assert all(foretold(192, 9, train=train)[2] < more[2] for train in ("100", "1s"))
 
 
 @pytest.mark.parametrize("mode", ["gaussians", "list"])

@@ -1,8 +1,8 @@
 """What a list is going to be and to take, before anything is made of photos, or left out of Gaussians.
 
-Figures of photos are fitted to lists of 12 and 24 photos of six scenes of dev and of 4 or 5 of four, all of 256×256:
-bytes lie within 1.2 of what photos and cameras alone tell, CPU seconds within 1.4. Photos of 144×144 took half as many
-bytes again, 48 of 448×256 1.8 times as many seconds.
+Figures of photos are fitted: bytes to lists of 12 and 24 photos of six scenes of dev and of 4 or 5 of four, all of
+256×256; seconds to `bench gate`, `bench walk` and two captures more, of 3 to 48 photos of up to 640×480: 45 of 47 lie
+within 1.5, where those of busy machines count three quarters.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..list.training import BYTES_EACH, FEW_PHOTOS
+from ..list.training import BYTES_EACH, FEW_PHOTOS, for_network, usual_steps
 from ..list.training.contrast import contrast
 from ..list.views import TOGETHER, Views
 from ..scene.cameras import Camera
-from ..scene.scenes import Frame, Scene
+from ..scene.scenes import Scene
 from ..scene.viewchoice import ALL_VIEWS
 from ..system.evenly import evenly
 from .request import EncodeRequest
+from .words import Training
 
 PHOTO_BYTES, BYTES_EXPONENT = 26_000, 0.69
 """Bytes of a photo of 256×256 as planes by default, and how they grow with its pixels that count; captures of 16 to 45
@@ -36,8 +37,9 @@ turned from the one that is turned most like it, and 1: what others show too tak
 OF_FEW = 1.4
 """How many times as many bytes few photos take, which lose more by what goes (`Settings.worth_of_few`)."""
 
-PHOTO_SECONDS, GAUSSIAN_SECONDS, SIZE = 2.3, 0.00066, 0.7
-"""CPU seconds of a photo of 256×256, of a Gaussian, and the power of pixels that those of larger photos grow with."""
+PHOTO_SECONDS, FEW_SECONDS, STEP_SECONDS, GAUSSIAN_SECONDS = 1.5, 0.3, 0.01, 5e-7
+"""CPU seconds of a photo of 256×256 until all agree on depth; of one of few, which do not seek that; and of a step of
+training, by 256×256 pixels of the photos that it is trained on, and by Gaussian."""
 
 PLACE_SECONDS, OBJECT_SECONDS, LIST_SECONDS, KEEP_SECONDS, SEARCHED = 5.8, 3.8, 0.031, 0.025, 1.75
 """CPU seconds of pruning by a million pixels of views, which an object hardly fills, and of a thousand Gaussians that
@@ -57,22 +59,19 @@ def planes_forecast(request: EncodeRequest, scene: Scene) -> str:
     return f"about {sum(PHOTO_BYTES * (pixels / 256**2) ** BYTES_EXPONENT for pixels in counted) / 1000:.0f} KB"
 
 
-def list_bytes(scene: Scene) -> float:
-    """About how many bytes photos take as a list."""
-    count, turns = len(scene.frames), _turns(scene.cameras)
-    detail = float(np.mean([_detail(scene.frames[view]) for view in evenly(count, PHOTOS)]))
-    grown = detail**DETAIL_EXPONENT * count**PHOTOS_EXPONENT * (1 + float(turns.mean())) ** TURN_EXPONENT
-    return LIST_BYTES * grown * (OF_FEW if count <= FEW_PHOTOS else 1)
-
-
 def list_forecast(request: EncodeRequest, scene: Scene) -> str:
     """A line about photos as a list: Gaussians, bytes, CPU seconds."""
-    count, camera = len(scene.frames), scene.cameras[0]
+    count, camera, detail = len(scene.frames), scene.cameras[0], _detail(scene)
     bounds = [BYTES_EACH * request.at_most if request.at_most else np.inf, request.target_size or np.inf]
-    size = min(list_bytes(scene), *bounds)
-    larger = max(camera.width * camera.height / 256**2, 0.5)  # steps of small photos cost what Gaussians do
-    seconds = PHOTO_SECONDS * count * larger**SIZE + GAUSSIAN_SECONDS * size / BYTES_EACH
+    size = min(_list_bytes(scene, detail), *bounds)
     made = f"about {_rounded(size / BYTES_EACH)} Gaussians and {_rounded(size / 1000)} KB"
+    pixels, training = camera.width * camera.height, request.train or Training()
+    steps = training.steps or usual_steps(count, detail / pixels)
+    trained = steps * (STEP_SECONDS * pixels / 256**2 + GAUSSIAN_SECONDS * size / BYTES_EACH)
+    each = FEW_SECONDS if count <= FEW_PHOTOS else PHOTO_SECONDS
+    seen = for_network(scene).cameras[0]
+    before = each * count * seen.width * seen.height / 256**2
+    seconds = before + min(trained, training.seconds or np.inf)
     taken = f"(perhaps a third fewer or more), {_rounded(seconds)} CPU seconds"
     return f"{count} photos of {camera.width}x{camera.height}: {made} {taken}"
 
@@ -101,9 +100,16 @@ def _turns(cameras: Sequence[Camera]) -> NDArray:
     return np.degrees(np.arccos(alike.max(axis=1).clip(-1, 1)))
 
 
-def _detail(frame: Frame) -> float:
-    """The sum over a photo's pixels of the root of contrast, as `list.training.start.Surface` has it."""
-    return float(np.sqrt(contrast(frame.judged())).sum())
+def _list_bytes(scene: Scene, detail: float) -> float:
+    count, turns = len(scene.frames), _turns(scene.cameras)
+    grown = detail**DETAIL_EXPONENT * count**PHOTOS_EXPONENT * (1 + float(turns.mean())) ** TURN_EXPONENT
+    return LIST_BYTES * grown * (OF_FEW if count <= FEW_PHOTOS else 1)
+
+
+def _detail(scene: Scene) -> float:
+    """The sum over a photo's pixels of the root of contrast, as `list.training.start.Surface` has it, on the mean."""
+    looked_at = (scene.frames[view].judged() for view in evenly(len(scene.frames), PHOTOS))
+    return float(np.mean([np.sqrt(contrast(photo)).sum() for photo in looked_at]))
 
 
 def _rounded(number: float) -> str:
