@@ -52,6 +52,12 @@ def test_arrays_keep_what_is_written(shape: tuple[int, ...]) -> None:
     assert array.shape == shape and (array == wanted).all()
 
 
+@pytest.mark.parametrize("shape", [(2, 3, 4), SHAPE])
+def test_numbers_are_chosen_view_by_view(shape: tuple[int, ...]) -> None:
+    array = np.random.default_rng(0).standard_normal(shape, np.float32)
+    assert (disk.chosen(array, lambda view: array[view] > 0) == array[array > 0]).all()
+
+
 @on_linux
 def test_memory_holds_a_share_of_what_is_worked_on_and_nothing_is_lost(until: Callable[..., None]) -> None:
     before, arrays = resident(), [disk.zeros(SHAPE) for _ in range(3 * disk.HELD_BYTES // BYTES)]

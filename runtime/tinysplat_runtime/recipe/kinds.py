@@ -16,6 +16,7 @@ from ..graphs import DEFAULT_MODEL
 from ..list.training import FEW_PHOTOS, for_network, usual_steps
 from ..network.ways import LEAST_EACH
 from ..scene.scenes import Scene
+from ..system import disk
 from ..system.told import Told
 from .coding import as_list, as_photos, as_planes, kept, pruned, ranked
 from .forecast import list_forecast, planes_forecast
@@ -41,6 +42,9 @@ def _trained(run: Run) -> Run:
     budget = Budget(request.at_most, training.steps, training.seconds, request.target_size)
     with run.stats.watch.stage("train"):
         targets = targets_of(run.photos.cameras, run.photos.frames)
+        for frame in (*run.photos.frames, *run.seen.frames):
+            frame.forget()  # for training's sake: a few alone are looked at behind it
+        disk.let_go()
         found = trained(run.made, targets, budget, threads=run.tools.threads, stats=stats, told=run.told)
     run.told.say("doubt" if stats.is_cut_short else "notice", stats.text)
     note = f"{stats.steps} steps on {len(targets)} photos: {np.nanmean(stats.psnr):.1f} dB"

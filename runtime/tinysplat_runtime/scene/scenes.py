@@ -103,6 +103,11 @@ class Frame:
             self.kept["image"] = image
         return image
 
+    def forget(self) -> None:
+        """Let go of what is kept: whoever asks for it again has it read again."""
+        if self.kept is not None:
+            self.kept.clear()
+
     def known(self) -> NDArray | None:
         """Which of the pixels of `image` count: (H, W) bool; None where all do.
 

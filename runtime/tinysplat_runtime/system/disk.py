@@ -16,6 +16,7 @@ import sys
 import tempfile
 import threading
 import weakref
+from collections.abc import Callable
 from functools import lru_cache
 from io import FileIO
 from pathlib import Path
@@ -57,6 +58,15 @@ def zeros(shape: tuple[int, ...], dtype: DTypeLike = np.float32, views: int | No
         return np.zeros(shape, dtype)
     _HELD.watch(mapped)
     return np.frombuffer(mapped, dtype).reshape(shape)
+
+
+def chosen(array: NDArray, mask_of: Callable[[int], NDArray]) -> NDArray:
+    """(n,) numbers of an array of views, on disk as by `zeros`: those that a view's mask chooses, view by view."""
+    ends = np.cumsum([0, *(np.count_nonzero(mask_of(view)) for view in range(len(array)))]).tolist()
+    found = zeros((ends[-1],), array.dtype, len(array))
+    for view, own in enumerate(array):
+        found[ends[view] : ends[view + 1]] = own[mask_of(view)]
+    return found
 
 
 class _Held:

@@ -116,7 +116,7 @@ def _depths(gaussians: Gaussians, view: int) -> NDArray:
 
 def _near(cameras: Sequence[Camera], depths: NDArray) -> list[list[int]]:
     """For each view the nearest others."""
-    seen = depths[np.isfinite(depths)]
+    seen = disk.chosen(depths, lambda view: np.isfinite(depths[view]))
     middle = float(np.median(seen, overwrite_input=True)) if seen.size else 1.0
     places = view_places(cameras, middle, middle)
     nearest: list[list[int]] = nearest_places(places, min(LOOKED_AT, len(cameras) - 1)).tolist()

@@ -6,7 +6,6 @@ Trust boundary: values have to be numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +48,23 @@ def targets_of(cameras: Sequence[Camera], frames: Sequence[Frame]) -> list[Targe
     return targets
 
 
-def halved_target(target: Target) -> Target:
-    """A photo of half the size; a last row or column without a partner goes."""
-    camera, K = target.camera, target.camera.K.copy()
-    K[:2] /= 2
-    smaller = replace(
-        target, camera=Camera(K, camera.c2w, camera.width // 2, camera.height // 2), photo=_halved(target.photo)
-    )
-    return smaller if target.nothing is None else replace(smaller, nothing=_halved(target.nothing))
+def halved(targets: Sequence[Target]) -> list[Target]:
+    """Photos of half the size, of a capture on disk; a last row or column without a partner goes."""
+    height, width = (size // 2 for size in targets[0].photo.shape[:2])
+    photos = disk.zeros((len(targets), height, width, 3))
+    shares = None if all(target.nothing is None for target in targets) else disk.zeros(photos.shape[:3])
+    smaller = []
+    for view, target in enumerate(targets):
+        K, nothing = target.camera.K.copy(), None
+        K[:2] /= 2
+        photos[view] = _halved(target.photo)
+        if shares is not None and target.nothing is not None:
+            shares[view], nothing = _halved(target.nothing), shares[view]
+        smaller.append(Target(Camera(K, target.camera.c2w, width, height), photos[view], nothing))
+    return smaller
 
 
 def _halved(picture: NDArray) -> NDArray:
-    """(H, W, …) to half the size, float32."""
+    """(H, W, …) to half the size."""
     height, width = picture.shape[0] // 2, picture.shape[1] // 2
-    blocks = picture[: 2 * height, : 2 * width].reshape(height, 2, width, 2, *picture.shape[2:])
-    return np.ascontiguousarray(blocks.mean(axis=(1, 3)), np.float32)
+    return picture[: 2 * height, : 2 * width].reshape(height, 2, width, 2, *picture.shape[2:]).mean(axis=(1, 3))

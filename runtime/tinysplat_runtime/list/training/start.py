@@ -71,7 +71,7 @@ class Surface:
                 own[:] = np.maximum(own, 0) * (1 + settings.texture * (mean if number else contrasts[view]))
         if not any(weight.any() for weight in weights):
             weights[0] = np.ones_like(weights[0])  # as views contradict each other everywhere, none is kept
-        roots = contrasts[weights[0] > 0]
+        roots = disk.chosen(contrasts, lambda view: weights[0][view] > 0)
         np.sqrt(roots, out=roots)
         alone, least = roots.size / weights[0].size, 0 if len(photos) <= FEW_PHOTOS else 1
         finer *= min(max(1 / math.sqrt(settings.overlap * alone), least), MOST_DETAIL)

@@ -35,7 +35,7 @@ from .contrast import smoothed
 from .descent import Descent, units
 from .exposed import log_gain
 from .free import FreeGaussians
-from .photos import halved_target
+from .photos import halved
 from .places import Places
 from .settings import Budget, Settings
 
@@ -160,9 +160,8 @@ class _Training:
     ) -> None:
         self._capture, self._stats = capture, stats
         self._threads, self._run = threads, Crew(threads or available_cores()).map
-        halves = [halved_target(target) for target in targets]
-        quarters = [halved_target(half) for half in halves]
-        self._sizes = {4: quarters, 2: halves, 1: list(targets)}
+        halves = halved(targets)
+        self._sizes = {4: halved(halves), 2: halves, 1: list(targets)}
         self._gains = np.ones((len(targets), 3))
         self._rng = np.random.default_rng(0)
         surface = start.Surface.of(capture, [target.photo for target in targets], settings, self._run)
