@@ -2,8 +2,9 @@
 
     python checks/left_out.py SCENE 0-15 --masks background
 
-Of these photos (0-15) every eighth, from the fourth on, is left out; `encode` gets the others, and what follows as its
-options. Its file is drawn at the photos left out and held against them, at the size that it chose, within their masks.
+Of these photos (0-15) every eighth, from the fourth on, is left out (from the first on where they are 0-15:0); `encode`
+gets the others, and what follows as its options. Its file is drawn at the photos left out and held against them, at the
+size that it chose, within their masks.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from tinysplat_runtime.recipe.words import ALL
 def main() -> int:
     """Print what was measured, on one line."""
     path, chosen, *options = sys.argv[1:]
-    first, last = map(int, chosen.split("-"))
+    ends, _, out = chosen.partition(":")
+    first, last = map(int, ends.split("-"))
     views = range(first, last + 1)
-    left_out = views[3::8]
+    left_out = views[int(out or 3) :: 8]
     kept = [view for view in views if view not in left_out]
     scene = ts.load_scene(path)
     size = prepared(EncodeRequest(scene.views(kept), views=ALL)).cameras[0]
