@@ -1,7 +1,7 @@
 """What a list is going to be and to take, before anything is made of photos, or left out of Gaussians.
 
 Figures of photos are fitted: bytes to lists of 12 and 24 photos of six scenes of dev and of 4 or 5 of four, all of
-256×256; seconds to `bench gate`, `bench walk` and two captures more, of 3 to 48 photos of up to 640×480: 45 of 47 lie
+256×256; seconds to `bench gate`, `bench walk` and two captures more, of 3 to 48 photos of up to 640×480: all 47 lie
 within 1.5, where those of busy machines count three quarters.
 """
 
@@ -37,9 +37,12 @@ turned from the one that is turned most like it, and 1: what others show too tak
 OF_FEW = 1.4
 """How many times as many bytes few photos take, which lose more by what goes (`Settings.worth_of_few`)."""
 
-PHOTO_SECONDS, FEW_SECONDS, STEP_SECONDS, GAUSSIAN_SECONDS = 1.5, 0.3, 0.01, 5e-7
+PHOTO_SECONDS, FEW_SECONDS, STEP_SECONDS = 1.4, 0.42, 0.01
 """CPU seconds of a photo of 256×256 until all agree on depth; of one of few, which do not seek that; and of a step of
-training, by 256×256 pixels of the photos that it is trained on, and by Gaussian."""
+training, by 256×256 pixels of the photos that it is trained on, and of `STEP_GAUSSIANS`."""
+
+STEP_GAUSSIANS, GAUSSIANS_EXPONENT = 20_000, 1.5
+"""How many Gaussians cost as much as these pixels, and how what more of them cost grows: caches hold fewer of them."""
 
 PLACE_SECONDS, OBJECT_SECONDS, LIST_SECONDS, KEEP_SECONDS, SEARCHED = 5.8, 3.8, 0.031, 0.025, 1.75
 """CPU seconds of pruning by a million pixels of views, which an object hardly fills, and of a thousand Gaussians that
@@ -67,7 +70,7 @@ def list_forecast(request: EncodeRequest, scene: Scene) -> str:
     made = f"about {_rounded(size / BYTES_EACH)} Gaussians and {_rounded(size / 1000)} KB"
     pixels, training = camera.width * camera.height, request.train or Training()
     steps = training.steps or usual_steps(count, detail / pixels)
-    trained = steps * (STEP_SECONDS * pixels / 256**2 + GAUSSIAN_SECONDS * size / BYTES_EACH)
+    trained = steps * STEP_SECONDS * (pixels / 256**2 + (size / BYTES_EACH / STEP_GAUSSIANS) ** GAUSSIANS_EXPONENT)
     each = FEW_SECONDS if count <= FEW_PHOTOS else PHOTO_SECONDS
     seen = for_network(scene).cameras[0]
     before = each * count * seen.width * seen.height / 256**2
