@@ -5,8 +5,6 @@ Everything is built twice from what git has committed, by two builds that share 
 the same bytes: whoever has the commit can check that the files on the index are it.
 """
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import io

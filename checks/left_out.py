@@ -7,8 +7,6 @@ gets the others, and what follows as its options. Its file is drawn at the photo
 size that it chose, within their masks.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -5,8 +5,6 @@
 Needs Chromium.
 """
 
-from __future__ import annotations
-
 import argparse
 import base64
 from pathlib import Path

@@ -6,8 +6,6 @@
 Pages take them for as long as they were made of the scripts that there are, and the scripts as written else.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import subprocess

@@ -7,8 +7,6 @@
 A picture is older where files that it shows have other contents than when it was recorded (docs/pictures.json).
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

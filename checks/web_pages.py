@@ -7,8 +7,6 @@
 Fails where a page says something to the console that is an error, or shows one colour.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import shutil

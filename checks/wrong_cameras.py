@@ -7,8 +7,6 @@ each kind and in twelve photos spread over the scene, whose range is found.
     python checks/wrong_cameras.py SCENES/* [--right]
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

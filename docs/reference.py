@@ -4,8 +4,6 @@ Between `<!-- of NAME -->` and `<!-- end -->` a page holds the signature and doc
 command. `make reference` writes them anew; a test holds them to be as the code has it.
 """
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import pkgutil

@@ -1,7 +1,5 @@
 """Hooks of the documentation site: files outside docs/ are named, and the player is at hand."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Commands that write models/, run in a checkout: `python -m export.network edge`. A missing package is one line."""
 
-from __future__ import annotations
-
 import sys
 from importlib.util import find_spec
 

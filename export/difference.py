@@ -1,7 +1,5 @@
 """How far an exported graph is from the module that it was made of."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 python -m export.enlarge
 """
 
-from __future__ import annotations
-
 from itertools import starmap
 
 import torch

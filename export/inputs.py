@@ -1,7 +1,5 @@
 """What graphs of the role `network` take: names, dynamic axes, and an example."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

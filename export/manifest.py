@@ -1,7 +1,5 @@
 """Write an exported graph into models/ and its entry into manifest.json, once parity has been shown."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

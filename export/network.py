@@ -8,8 +8,6 @@ A new network is an entry in `NETWORKS`: how to build it, and what its artifact 
 Written outside models/, the file is complete but not listed; `--model FILE.onnx` takes it.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import sys

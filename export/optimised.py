@@ -6,8 +6,6 @@ Writes models/NAME.optimised.onnx beside models/NAME.onnx, by which files of pho
 it in the manifest. Its operators are onnxruntime's own where it joins some, but bind no processor.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

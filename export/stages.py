@@ -3,8 +3,6 @@
 python -m export.stages [STAGE …]
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 python -m export.transforms
 """
 
-from __future__ import annotations
-
 import argparse
 import warnings
 from collections.abc import Callable

@@ -5,8 +5,6 @@
 Where the process itself is the point (signals, standard input, limits, what it imports), tests start one.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import subprocess

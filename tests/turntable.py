@@ -1,7 +1,5 @@
 """A turntable that tests make: a thing that turns before a backdrop that does not, as cameras about it see it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

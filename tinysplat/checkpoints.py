@@ -5,8 +5,6 @@ training framework left beside the tensors becomes an inert stand-in, and any ot
 network a file is for follows from tensor names and shapes; which scale rule, from the file's hash (docs/MODELS.md).
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 import re

@@ -6,8 +6,6 @@
 Source: ffgs 0.1 (Apache-2.0), `types.Gaussians` and `pipeline.GSOutput`. Nothing of it is imported here.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gaussians and cameras as the tensors that gsplat's `rasterization()` takes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

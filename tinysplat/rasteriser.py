@@ -6,8 +6,6 @@ The runtime draws, and walks the picture a second time for gradients, as it does
 the tensors are.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

@@ -9,8 +9,6 @@ scene units and the offset from the pixel's own centre in pixels, scales are ŝ 
 camera frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -9,8 +9,6 @@ interrupt, which a terminal sends to all, would end it with a traceback. Files a
 renamed into place.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -8,8 +8,6 @@
 Names are loaded on first use, so that importing the package opens no model, no file and no library.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from types import ModuleType

@@ -1,7 +1,5 @@
 """`python -m tinysplat_runtime` is the command `tinysplat`: a process that does one thing and ends."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import ctypes

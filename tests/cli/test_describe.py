@@ -1,7 +1,5 @@
 """What `info` says of a file: the numbers of its description, as text and as JSON."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command as a process: it ends at once, and nothing that it had to say or do is lost by that."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Bad inputs, a line each: what the message must say beside the name of what was given."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options on a command line: the words of a class's fields, what they become, and how what is wrong is named."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """`render`: which cameras look, what depths become, and what is said of pictures and videos."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How commands end: by signals wherever they were started, and on outputs of any encoding."""
 
-from __future__ import annotations
-
 import io
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What `decode` and `convert` write of a capture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import make_cameras

@@ -1,7 +1,5 @@
 """`view`: pages that are served or written, what goes into them, and a player's folder."""
 
-from __future__ import annotations
-
 import http.server
 import json
 import queue

@@ -1,7 +1,5 @@
 """The host's side of VPT: camera centres in two parts, one sign for all quaternions, rotations relative to a view's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """VABR on the host: weightings, eigenvectors, signs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import make_skewed_cameras

@@ -1,7 +1,5 @@
 """Steps of depth and opacity: the stand-in for the video codec, what errors do to pictures, and what follows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

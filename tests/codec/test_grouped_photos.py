@@ -1,7 +1,5 @@
 """Mode photos of more photos than a network takes: groups travel with the file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import refusing, write_scene

@@ -1,7 +1,5 @@
 """libx265 and libavcodec as a plane codec."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

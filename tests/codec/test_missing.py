@@ -1,7 +1,5 @@
 """Damaged and cut files: intact planes are recovered, and what is lost is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

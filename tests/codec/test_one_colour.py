@@ -1,7 +1,5 @@
 """One colour for all coefficients: what input views see, and when it may take their place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

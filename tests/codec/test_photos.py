@@ -1,7 +1,5 @@
 """Photos as pictures of video: colours by BT.709's formulas pixel by pixel, sizes, padding, and what comes back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Prefixes of a file: what they decode to, and what stands in for planes that are not there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import drawn_psnr, make_smooth_gaussians

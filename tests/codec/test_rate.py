@@ -1,7 +1,5 @@
 """Rate control: targets are hit, or told to be out of reach, and the search depends on the scene alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import make_smooth_gaussians

@@ -5,8 +5,6 @@
 A reviewed decision, as golden files are: a case that is there keeps its meaning.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import struct

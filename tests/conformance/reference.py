@@ -3,8 +3,6 @@
 PYTHONPATH=tests python -m conformance.reference F.tsplat OUT.npz [OPTIONS]
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

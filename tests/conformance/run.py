@@ -6,8 +6,6 @@ COMMAND is called with a file, the .npz to write and, where a case has them, opt
 arrays as `expected.npz` has them (means, quats, scales, opacities, sh, origin), or ends otherwise and writes nothing.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Both decoders against the corpus."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 Files are written by hand here: constants alone, so that nothing but the metadata speaks.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 

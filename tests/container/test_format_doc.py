@@ -1,7 +1,5 @@
 """docs/FORMAT.md says what the code does: its tables are the structures, its example a file, decoded here by hand."""
 
-from __future__ import annotations
-
 import re
 import struct
 from pathlib import Path

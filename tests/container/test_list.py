@@ -3,8 +3,6 @@
 Files here are of constants and of positions that are no octree: their metadata are all that counts.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The table of pictures: docs/FORMAT.md read by hand, and what lies about where pictures are."""
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Chunks of made-up scenes in the layout of RealEstate10K as pixelSplat, MVSplat and DepthSplat read it."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence

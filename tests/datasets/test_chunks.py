@@ -1,7 +1,5 @@
 """Chunks of the paper's data sets are prepared as the official evaluations do, and damaged ones refused in a line."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Work for tests of the batch engines: needs no network, and kills its worker where a job is named so."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """The app for people without a terminal: what is dropped becomes a page, and what cannot be used is said."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

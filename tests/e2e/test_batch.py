@@ -1,7 +1,5 @@
 """Batches: results that are true, resume, retries, and workers that are killed on both engines."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

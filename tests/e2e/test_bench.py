@@ -1,7 +1,5 @@
 """A very small run of every ordinary study, the folder it leaves, and the command's answers to bad options."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The installed console script, from photos to a picture, and what it says of bad input."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

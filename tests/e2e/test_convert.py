@@ -1,7 +1,5 @@
 """`convert`, `decode`, `render --depth`: files that other programs' readers open, and what cannot be kept is said."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

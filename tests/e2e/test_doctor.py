@@ -1,7 +1,5 @@
 """`doctor`, `--provider` and `completion`: what an installation is made of, and what is wrong with it."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """`tinysplat eval` and `compare` as a user meets them: bad scenes among good ones, killed runs, jobs, pictures."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every extra of pyproject.toml: where its packages are missing, one line gives the pip install that brings them."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

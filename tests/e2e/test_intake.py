@@ -1,7 +1,5 @@
 """The command line on what users bring: stereo pairs, many photos, photos without cameras."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

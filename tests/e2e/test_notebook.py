@@ -1,7 +1,5 @@
 """The example notebook's code runs, and its stored outputs are those of its own cells."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

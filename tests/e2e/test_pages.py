@@ -3,8 +3,6 @@
 Blocks called bash and python run, and lines of text behind `$`; sh and py are for a reader's own files.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Nothing but the outputs asked for is written, and nothing is looked up."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The wheel: what it declares and holds, and that it runs with numpy, onnxruntime and av alone."""
 
-from __future__ import annotations
-
 import email
 import email.policy
 import importlib.metadata

@@ -3,8 +3,6 @@
 docs/ROBUSTNESS.md, "Faults", is the table of what these tests hold.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import json

@@ -3,8 +3,6 @@
 from formats.foreign import foreign_arrays, foreign_bytes, on_order_of
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """SOG and compressed .ply value by value: small files made by hand from the formats' pages, and ours taken apart."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -1,7 +1,5 @@
 """What `convert --check` says: the loss of a file by its own pictures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

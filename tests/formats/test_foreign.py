@@ -1,7 +1,5 @@
 """Files of ours and of gaussforge, another implementation, mean the same to it and to us."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

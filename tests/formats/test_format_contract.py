@@ -1,7 +1,5 @@
 """What every Gaussian format that is read and written promises; each adds a line to `KEPT`, and no such tests."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Gaussian files: exact round trips, precision far from the origin, and hostile files refused within memory."""
 
-from __future__ import annotations
-
 import io
 import tracemalloc
 import zipfile

@@ -1,7 +1,5 @@
 """docs/FORMATS.md's table is that of the code, row by row."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from scenes import refusing

@@ -1,7 +1,5 @@
 """glTF: what a reader of the specification's words finds in our files, and what we find in files made by hand."""
 
-from __future__ import annotations
-
 import json
 import struct
 from dataclasses import replace

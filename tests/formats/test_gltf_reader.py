@@ -1,7 +1,5 @@
 """glTF by hand: what its fields may be, and which nodes are shown."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -1,7 +1,5 @@
 """3DGS .ply files: the reference layout, conversions both ways, other writers' variants, hostile headers."""
 
-from __future__ import annotations
-
 import tracemalloc
 import warnings
 from functools import partial

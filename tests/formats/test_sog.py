@@ -1,7 +1,5 @@
 """SOG version 2: folders and archives, palettes and codebooks, levels of detail."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`.splat`: records made by hand and by gaussforge, another implementation."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """SPZ files: what gaussforge, built on the format's own library, reads and writes is what we mean."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which format a name tells, what is said where a package is missing, point clouds, and the loss of a file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

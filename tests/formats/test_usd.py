@@ -1,7 +1,5 @@
 """OpenUSD: what its own library finds in our files, and what we find in a stage made with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The process that reads USD: what a stage's arrays may be, and how it ends."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Quaternions and spherical harmonics against independent definitions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

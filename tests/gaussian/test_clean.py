@@ -1,7 +1,5 @@
 """What floats beside a scene is found and named before it goes; what hangs together stays, however sparse it is."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scenes import Heard, make_cameras, make_smooth_gaussians, refusing, tells

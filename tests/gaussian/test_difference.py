@@ -1,7 +1,5 @@
 """How far attributes are from those of an original, on differences that are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Moving a scene moves its picture; selections keep what they say and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Gaussians widened by pixels of their own photos, for renderers that know of the screen's alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

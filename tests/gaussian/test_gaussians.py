@@ -1,7 +1,5 @@
 """Gaussians check themselves once, name what is wrong, and know their layers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes that lie anyhow are turned upright, however they were photographed, and left where up is not sure."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Unit, attribution and licence: carried through every format with room for them, and never trusted."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is pinned on purpose: planes, whole files, messages and contracts of graphs; test and regenerator read them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

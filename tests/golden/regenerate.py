@@ -4,8 +4,6 @@
 changelog.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 import sys

@@ -1,8 +1,6 @@
 """What is pinned on purpose, and rewritten by `make golden`: the plane encoder's bytes, what whole files decode to,
 what commands say of faults that users meet, and the contracts of graphs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from golden.cases import DATA, FILES, golden_contracts, golden_messages, golden_planes

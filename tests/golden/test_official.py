@@ -4,8 +4,6 @@ One test per tensor, in the order of computation, so that the first failure show
 are the fixtures' own: ten times the rounding measured between single and double precision of the reference.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

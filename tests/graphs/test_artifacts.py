@@ -1,7 +1,5 @@
 """Where models are looked for, what a manifest vouches for, and what a graph must be to be opened."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

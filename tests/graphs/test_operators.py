@@ -1,7 +1,5 @@
 """The shipped graphs run wherever onnxruntime does: standard operators alone, those that docs/EDGE.md lists."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Execution providers: names with options, plug-ins that register at run time, and who really ran which graph."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Stored graphs: opened in place of a network's own where they serve, and computing the same."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import replace

@@ -7,8 +7,6 @@ One JSON line per target on standard output: attacks, outcomes, attacks per CPU 
 seconds, growth of peak memory over what preparing took, and findings with their numbers. Warnings count as errors.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import resource

@@ -1,7 +1,5 @@
 """Small valid files of every kind that the product reads, made in code: what damage starts from."""
 
-from __future__ import annotations
-
 import json
 import struct
 import tempfile

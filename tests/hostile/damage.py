@@ -5,8 +5,6 @@
 Nothing here knows a format. The same generator state gives the same damage.
 """
 
-from __future__ import annotations
-
 import struct
 from random import Random
 

@@ -4,8 +4,6 @@ Byte damage to JSON is a syntax error, to a zip archive a wrong checksum: neithe
 surface stays intact and what it holds is damaged.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

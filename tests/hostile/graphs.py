@@ -4,8 +4,6 @@ Byte damage to a protobuf mostly ends in its parser. Here the message is taken a
 contract's checks see is a graph: with other operators, wires, shapes, types, weights and metadata.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from random import Random
 

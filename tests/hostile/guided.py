@@ -6,8 +6,6 @@
 Checksums of sections are made right before a file is read, else nothing would get past them.
 """
 
-from __future__ import annotations
-
 import struct
 import sys
 from zlib import crc32

@@ -1,7 +1,5 @@
 """Damaged files for tsplat.js, which has to refuse them or to decode what the runtime decodes."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from random import Random
 from typing import Any

@@ -1,7 +1,5 @@
 """A web server of a test's own answers, for what a stranger's may say."""
 
-from __future__ import annotations
-
 import contextlib
 import http.server
 import threading

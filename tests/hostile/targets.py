@@ -4,8 +4,6 @@ A target's `attack(rng)` makes one damaged input and feeds it to the product. It
 product raised; anything outside `refusals` is a finding, and so is a promise of ours that does not hold.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable

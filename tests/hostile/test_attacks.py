@@ -1,7 +1,5 @@
 """Attacks that were thought of, each with the defence it meets."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

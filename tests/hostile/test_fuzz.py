@@ -1,7 +1,5 @@
 """A fixed small set of the fuzz campaign's attacks (`hostile.campaign` runs millions), and what it found before."""
 
-from __future__ import annotations
-
 import pytest
 from hostile.targets import TARGETS, attack
 

@@ -1,7 +1,5 @@
 """Attacks on files of mode list, one by one: what fuzzing finds by chance, and what it never would."""
 
-from __future__ import annotations
-
 import lzma
 from collections.abc import Callable
 from dataclasses import replace

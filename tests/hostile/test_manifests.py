@@ -1,7 +1,5 @@
 """Manifests of strangers: SECURITY promises that they run no code and write in the batch's folder alone."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Servers of strangers: SECURITY promises that what one says is checked, and that nothing is written elsewhere."""
 
-from __future__ import annotations
-
 import tempfile
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path

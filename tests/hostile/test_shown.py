@@ -1,7 +1,5 @@
 """Where strangers' names, texts and files are shown: what SECURITY and PLAYER promise of terminals and pages."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os

@@ -4,8 +4,6 @@ The child runs the product's own worker; what the parent sees is what `subproces
 library are not forked with it, and a child may wait for one for ever: then a process of its own reads.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

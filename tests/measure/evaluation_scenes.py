@@ -1,7 +1,5 @@
 """Scenes to evaluate, small enough for a test: photos of a textured plane, four cameras, an index of windows."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

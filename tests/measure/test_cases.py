@@ -1,7 +1,5 @@
 """Which pixels of a target the context views show: by cameras alone, exact where it can be counted."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tinysplat.measure.subjects.cases import covered_pixels

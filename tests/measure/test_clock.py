@@ -2,8 +2,6 @@
 before the work not.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

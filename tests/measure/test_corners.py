@@ -1,7 +1,5 @@
 """Corners that photos agree on find depths that are off, and by how many pixels."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

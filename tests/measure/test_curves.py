@@ -1,7 +1,5 @@
 """Bytes at equal dB: against straight lines, whose answers are known."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

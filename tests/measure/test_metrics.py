@@ -1,7 +1,5 @@
 """Metrics are the definitions that published figures use, and say nothing where they know nothing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

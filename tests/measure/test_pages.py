@@ -1,7 +1,5 @@
 """What reports and pages say is what the rows say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Evaluations find what there is to measure, measure it once, and lose neither a window nor a reason."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

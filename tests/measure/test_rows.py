@@ -1,7 +1,5 @@
 """Stamps: a changed byte of whatever a figure depends on makes its row stale, and nothing else does."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

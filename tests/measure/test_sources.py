@@ -1,7 +1,5 @@
 """Sources of windows: what masks leave out, and photos by size."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`bench walk`: photos left out of a capture, drawn at the size of a screen, judged by more than dB."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Studies on pictures so small that a test can afford them, and what their tables show."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

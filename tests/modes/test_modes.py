@@ -1,7 +1,5 @@
 """Files of photos: what they decode to, what they need, and what is refused."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

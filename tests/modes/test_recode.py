@@ -1,7 +1,5 @@
 """Coding like a file: nothing changed costs nothing, an edit costs where it was made, and what does not fit is told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

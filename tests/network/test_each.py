@@ -1,7 +1,5 @@
 """Photo by photo: every photo is read once and shown where it was taken, whatever their order, place and size."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

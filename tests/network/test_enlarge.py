@@ -1,7 +1,5 @@
 """Large photos: where surfaces and their edges come to lie, that tiles have no seams, and who takes that way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 """One contract for all networks that ship, as users run them: depth where it is known, and finite Gaussians within
 their bounds at the edges of what photos, poses and depth ranges can be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from networks.two_planes import FAR, NEAR, trace

@@ -1,7 +1,5 @@
 """One exposure over a capture: known gains and offsets come back, and what tells nothing changes nothing."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The step in which all photos of a capture agree on depth: what it costs a plane, and what comes of it."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """What masks leave out shows nothing, changes nothing else, and costs next to nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

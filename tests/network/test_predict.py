@@ -1,7 +1,5 @@
 """The host side of a network: what it refuses, padding and cropping, the origin, and what it makes of the outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

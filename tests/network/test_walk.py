@@ -1,7 +1,5 @@
 """Groups become one scene: every view from the group that keeps it, whatever origins the groups have."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@
 A process of its own, because pytest's log capture makes torch write out everything that it traces.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

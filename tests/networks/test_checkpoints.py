@@ -1,7 +1,5 @@
 """Checkpoints: what loads, what is refused, and that reading one runs nothing it holds."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import sys

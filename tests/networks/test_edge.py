@@ -1,7 +1,5 @@
 """The network `edge` in torch: what it makes stays within its bounds, and surfaces are closed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

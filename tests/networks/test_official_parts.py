@@ -1,7 +1,5 @@
 """Parts of the official networks against plain statements of what they compute."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The network `sweep` in torch: depth where it is known, finite outputs on hostile inputs, geometry by construction."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page's modules in one node process, which evaluates script after script."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import re

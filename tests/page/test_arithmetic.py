@@ -1,7 +1,5 @@
 """The page's arithmetic in node, of the text that its shaders run, beside our rasteriser."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """The whole page in Chromium: its pictures are the rasteriser's, and it keeps a visitor near the views."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

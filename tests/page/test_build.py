@@ -1,7 +1,5 @@
 """The viewer's page: whole, self-contained, and its data are the Gaussians. A browser opens it in test_browser.py."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """The page's vectors and its camera, beside numpy and scipy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

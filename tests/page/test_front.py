@@ -1,7 +1,5 @@
 """A page begins where most of the scene is in sight."""
 
-from __future__ import annotations
-
 import numpy as np
 from page.scripts import close, run
 from scipy.spatial.transform import Rotation

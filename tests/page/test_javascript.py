@@ -1,7 +1,5 @@
 """The tests that are written in JavaScript: each passes in node."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the page makes of decoded Gaussians, beside the same in numpy."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

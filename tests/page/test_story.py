@@ -1,7 +1,5 @@
 """Stories are read whole or refused by their field; pages show, change and save them, and run nothing of theirs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

@@ -2,8 +2,6 @@
 as docs/NUMERICS.md states; and numbers there are coded, or refused by name.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The differentiable rasteriser draws what the runtime's does, and its gradients are those of the float64 reference."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The shipped graph of `edge`: its torch twin, every number of views, and inputs that real life brings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

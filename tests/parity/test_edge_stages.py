@@ -1,7 +1,5 @@
 """The shipped stages of `edge`: their torch twins, and what a window comes to when its photos go one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache

@@ -5,8 +5,6 @@ four ViT blocks): every kind of part, at every number of views and size; MVSplat
 among the slow ones. The last, slow as well, makes all six official configurations with the command that users run.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The shipped graph of `sweep` against its torch twin: every number of views, several sizes, inputs without texture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

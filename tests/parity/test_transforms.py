@@ -1,7 +1,5 @@
 """The transform graphs against their torch twins and against float64: ordinary and extreme inputs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

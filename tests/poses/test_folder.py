@@ -1,7 +1,5 @@
 """Scene folders say the same to every reader: ours, nerfstudio's and COLMAP's."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames of a video: apart by movement, sharp among their neighbours."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

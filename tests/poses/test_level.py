@@ -1,7 +1,5 @@
 """Photos that say which way things fell turn the world upright, however the phone was held."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import tells

@@ -1,7 +1,5 @@
 """360° pictures: faces show what they should, files say what they are, and their places are found as they were."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Photos are placed where they were taken, alike in every run, and what contradicts its place is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

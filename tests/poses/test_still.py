@@ -1,7 +1,5 @@
 """What stands still in all photos is found where it is, and nothing is in photos where all moves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Photos of textured walls, which structure from motion finds its way in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path

@@ -3,8 +3,6 @@
 Every import counts: inside functions, and for types alone. A circle is a set of modules that all reach each other.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The documentation site's sources: the menu and the guides lead somewhere, the references are complete."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

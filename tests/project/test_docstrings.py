@@ -1,7 +1,5 @@
 """What docstrings name in backticks exists: files such as `recipe/encode.py`, and names such as `start.Surface`."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -4,8 +4,6 @@ What a test holds to is then what somebody outside the module relies on. The clo
 packages that are missing are the world's, not ours, and tests/conftest.py has a fixture for each.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 from collections import Counter

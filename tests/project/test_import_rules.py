@@ -1,7 +1,5 @@
 """Which way imports point: export → tinysplat → tinysplat_runtime, and the runtime needs numpy, onnxruntime and av."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """What was measured stands between marks in pages, filled from committed rows; the rest of a page holds definitions."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

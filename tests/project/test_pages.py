@@ -1,7 +1,5 @@
 """Pages name files that exist, and their links lead somewhere."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

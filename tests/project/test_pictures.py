@@ -1,7 +1,5 @@
 """Pictures of the pages have a command that makes them, and show what there is today."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from checks.pictures import PICTURES, digest, older

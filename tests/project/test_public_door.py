@@ -1,7 +1,5 @@
 """The names of `import tinysplat_runtime as ts`, in whatever order they are first used."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

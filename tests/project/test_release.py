@@ -1,7 +1,5 @@
 """What a release is called is the same wherever it stands."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

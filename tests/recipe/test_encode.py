@@ -1,7 +1,5 @@
 """One task, three doors: the command, Python and a batch make the very same file of the same options."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable

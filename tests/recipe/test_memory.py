@@ -1,7 +1,5 @@
 """Photos that memory does not suffice for are refused before work begins, with what would fit."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable

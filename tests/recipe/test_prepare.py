@@ -1,7 +1,5 @@
 """Which photos of a capture are taken, and what is said of it."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

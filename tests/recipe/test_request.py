@@ -1,7 +1,5 @@
 """What can be asked for: kinds, ranges and contradictions, and that each option is stated once for all doors."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Photos that the others contradict are found, however they are exposed, and photos that look elsewhere are kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

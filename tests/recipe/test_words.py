@@ -1,7 +1,5 @@
 """Words of requests and what they stand for."""
 
-from __future__ import annotations
-
 import pytest
 
 from tinysplat_runtime.recipe import words

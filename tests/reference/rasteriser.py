@@ -4,8 +4,6 @@ Independent of the runtime's arithmetic: explicit covariances and inverses, sphe
 polynomials, no tiles, no footprints.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

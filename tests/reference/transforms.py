@@ -1,7 +1,5 @@
 """VPT, VABR and their inverses in float64, from the paper's formulas (arXiv 2506.09479): slow, obvious."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

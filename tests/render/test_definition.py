@@ -1,7 +1,5 @@
 """What a rendered picture means: colours, depths, order and layers, each on a scene small enough to work out."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

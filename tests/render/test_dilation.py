@@ -1,7 +1,5 @@
 """Dilation in own pixels: surfaces stay closed from nearby, and hide no more than they should from afar."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

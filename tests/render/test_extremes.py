@@ -1,7 +1,5 @@
 """The rasteriser under scenes and sizes at the end of what is possible: finite pictures, bounded memory, same bits."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gaussians in a notebook: a picture of bounded size, and figures."""
 
-from __future__ import annotations
-
 import io
 import re
 

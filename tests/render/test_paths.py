@@ -1,7 +1,5 @@
 """Camera paths pass through what they were given, turn evenly and stay rigid."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The public door's arguments to their ends, and what it chooses by itself."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Videos decode to the frames that went in, are streamed, and are whole or absent."""
 
-from __future__ import annotations
-
 import errno
 import resource
 import weakref

@@ -1,7 +1,5 @@
 """Cameras check themselves and scale with their images."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import refusing

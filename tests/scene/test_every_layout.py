@@ -1,7 +1,5 @@
 """One contract for all that `load_scene` reads: the same scene, however it is written, and no fault but InputError."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import partial

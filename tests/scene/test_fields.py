@@ -1,7 +1,5 @@
 """Fields of JSON documents: what is accepted up to its limits, and what is refused in which words."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

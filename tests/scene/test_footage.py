@@ -1,7 +1,5 @@
 """Videos with poses: the frame that a pose is of arrives, whatever lies between key frames; faults are one line."""
 
-from __future__ import annotations
-
 import json
 import struct
 from fractions import Fraction

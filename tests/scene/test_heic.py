@@ -1,7 +1,5 @@
 """HEIC photos are those that the same photo is as JPEG, whatever lies beside it in the file."""
 
-from __future__ import annotations
-
 import builtins
 from pathlib import Path
 from typing import Any

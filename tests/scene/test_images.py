@@ -2,8 +2,6 @@
 resizing follows the cameras.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import struct

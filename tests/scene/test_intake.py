@@ -1,7 +1,5 @@
 """Scenes of other tools: cameras and photos arrive as those tools mean them, and faults are one line."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Lenses by OpenCV's parameters and COLMAP's models, and what is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What thumbnails tell of cameras and depths, on two walls at known depths and with cameras given wrongly."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Callable, Mapping

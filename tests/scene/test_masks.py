@@ -1,7 +1,5 @@
 """Masks are found where tools keep them, mean what these mean by black, and are refused where they do not fit."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

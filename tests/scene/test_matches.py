@@ -1,7 +1,5 @@
 """Corners in two photos: found where they lie, matched to the same ones, and held against cameras."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -2,8 +2,6 @@
 photo a view was taken as.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import camera_at

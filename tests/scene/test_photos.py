@@ -1,7 +1,5 @@
 """Photos found by the names that other tools gave them."""
 
-from __future__ import annotations
-
 import unicodedata
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Scene folders: what is accepted loads as written, and every fault is one line naming file and field."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

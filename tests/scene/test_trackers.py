@@ -3,8 +3,6 @@
 Poses are held by `test_every_layout`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

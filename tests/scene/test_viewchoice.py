@@ -1,7 +1,5 @@
 """Automatic choice of views: covers the scene, with baselines that stereo can use."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import camera_at, refusing, tells

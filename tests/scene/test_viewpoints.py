@@ -1,7 +1,5 @@
 """Cameras that photos corrected: one is drawn as those beside it were corrected, wherever the scene is moved to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -2,8 +2,6 @@
 Meshroom. `terms` are of the tool's own lens, or take the place of what cameras say.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

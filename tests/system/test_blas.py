@@ -1,7 +1,5 @@
 """Linear algebra whose last bits no BLAS decides, and the number of BLAS threads left as it was found."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import subprocess

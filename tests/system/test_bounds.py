@@ -1,7 +1,5 @@
 """Bounds of a process: more memory or time than asked for is not given."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

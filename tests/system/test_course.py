@@ -2,8 +2,6 @@
 tenth of the way on, whatever the machine is like.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Arrays of many views lie on disk: they are arrays like others, of which memory holds what is worked on."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Files are read within a limit and appear whole or not at all."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """Compiled code is kept for the next process, and compiled anew where another version has left it behind."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

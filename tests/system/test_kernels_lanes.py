@@ -1,7 +1,5 @@
 """Eight numbers at once do in compiled code what numpy does with arrays of eight."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

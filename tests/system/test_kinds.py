@@ -1,7 +1,5 @@
 """Words of a command line and the values that they stand for."""
 
-from __future__ import annotations
-
 import pytest
 
 from tinysplat_runtime.system import kinds

@@ -1,7 +1,5 @@
 """How much memory there is: the machine's or the container's, whichever is less, and what is known of either."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

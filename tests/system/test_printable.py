@@ -1,7 +1,5 @@
 """Characters that print are those of docs/FORMAT.md's list, and text of strangers is one line of them."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What long work says: never silent for long, one voice at a time, nothing where quiet is asked for."""
 
-from __future__ import annotations
-
 import io
 import re
 import sys

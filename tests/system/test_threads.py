@@ -1,7 +1,5 @@
 """A crew of threads shares out work: every item once, results in order, errors to the caller."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

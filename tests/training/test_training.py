@@ -1,7 +1,5 @@
 """Training of `edge`: exact depth, samples by index, exact resume, losses, and clear errors."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

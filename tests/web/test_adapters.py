@@ -1,7 +1,5 @@
 """What engines are given by the adapters: their own packages are stood in for by what notes down how it is called."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

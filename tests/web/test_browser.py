@@ -1,7 +1,5 @@
 """tsplat.js in Chromium: with workers and without, from a stream, and aborted; against the runtime."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The modules as one text: what a page carries, and what the package ships."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

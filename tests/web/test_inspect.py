@@ -1,7 +1,5 @@
 """What tsplat.js says of a file without decoding it, beside `ts.inspect`, and the limits that it holds files to."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

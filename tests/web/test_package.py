@@ -1,7 +1,5 @@
 """What ships for JavaScript: the package's description, its files, and the first example of docs/WEB.md."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

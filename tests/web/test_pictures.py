@@ -1,7 +1,5 @@
 """tsplat.js's HEVC against libavcodec, sample by sample."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How long one scene of a batch may take, and how much memory."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import threading

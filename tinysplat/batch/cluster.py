@@ -1,7 +1,5 @@
 """A batch as tasks of a Ray cluster (extra `cluster`), results as they come; attempts as `workers` has them."""
 
-from __future__ import annotations
-
 import logging
 from collections import deque
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """One scene of a batch: what is to be done, how a worker does it, and what came of it."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

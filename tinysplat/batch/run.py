@@ -1,7 +1,5 @@
 """A batch from manifest to results: skip what is done, run the rest, keep `results.json` true all along."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence

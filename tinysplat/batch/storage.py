@@ -1,7 +1,5 @@
 """Files of a batch: local paths, and URLs such as s3://, gs:// or memory:// through the package fsspec."""
 
-from __future__ import annotations
-
 import contextlib
 import secrets
 import tempfile

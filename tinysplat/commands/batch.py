@@ -1,7 +1,5 @@
 """`tinysplat batch`: many scenes to files, on this machine's cores or on a Ray cluster."""
 
-from __future__ import annotations
-
 import json
 import sys
 from argparse import ArgumentParser, Namespace

@@ -1,7 +1,5 @@
 """`tinysplat bench`: studies of speed, size and error as rows, a report and plots; and the figures of our pages."""
 
-from __future__ import annotations
-
 import time
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence

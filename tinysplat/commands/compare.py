@@ -1,7 +1,5 @@
 """`tinysplat compare`: two results side by side, with maps of their error."""
 
-from __future__ import annotations
-
 import json
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass

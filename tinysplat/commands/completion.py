@@ -1,7 +1,5 @@
 """`tinysplat completion`: completion scripts for shells, made from the parsers by shtab."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 

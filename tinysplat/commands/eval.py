@@ -1,7 +1,5 @@
 """`tinysplat eval`: the figures of the paper's tables, on the user's own scenes."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

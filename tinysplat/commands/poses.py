@@ -1,7 +1,5 @@
 """`tinysplat poses`: photos without cameras, or a video, to a scene folder, by structure from motion with pycolmap."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 from pathlib import Path

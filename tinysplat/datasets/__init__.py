@@ -7,8 +7,6 @@
 Chunks are loaded with torch, `weights_only`; frames are prepared as the official evaluations do.
 """
 
-from __future__ import annotations
-
 from .chunks import ChunkFolder, ChunkScene
 from .indices import SPECS, DatasetSpec, Window, read_paper_index
 

@@ -12,8 +12,6 @@ stays where it was relative to the image, up to half a pixel from the true one; 
 Trust boundary: chunks are unpickled with `weights_only`; types, shapes and sizes in pixels are checked before use.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass

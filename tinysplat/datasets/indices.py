@@ -3,8 +3,6 @@
 An index is `{scene key: {"context": […], "target": […]} or null}`.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 CPU seconds are those of this process and its children, which neighbours on a shared machine disturb less.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import json

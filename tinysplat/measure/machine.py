@@ -1,7 +1,5 @@
 """What a run was made on, without which a time is no figure: processor, memory, versions, and the checkout's commit."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.metadata
 import os

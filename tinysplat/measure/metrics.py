@@ -19,8 +19,6 @@ is as the reference is.
 LPIPS needs torch and weights and stands in `measure.lpips`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec

@@ -11,8 +11,6 @@ it, if need be, what chooses rows: `table where subject=…; way=…`. Marks may
 backtick are talked about.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures of Gaussians, rendered once, and whatever else is held against them and against photos."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Many windows: what is already measured, the rest spread over processes, what fails left out with its reason."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial

@@ -3,8 +3,6 @@
 `build` makes the networks of the official checkpoints; docs/MODELS.md says which checkpoint needs which.
 """
 
-from __future__ import annotations
-
 from tinysplat_runtime.errors import InputError
 
 from .depthsplat import SCALE_RULES, DepthSplat, DepthSplatConfig

@@ -1,7 +1,5 @@
 """From a network's raw channels and depth to Gaussians in the world: the last, parameter-free step of both networks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

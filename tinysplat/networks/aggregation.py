@@ -4,8 +4,6 @@ Path costs follow Hirschmüller, "Stereo Processing by Semiglobal Matching and M
 recursion along a path is an ONNX Scan in an exported graph and a loop in eager torch, the same arithmetic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

@@ -4,8 +4,6 @@ Inverses are written out because ONNX has no matrix inverse: the formulas that r
 graphs. Leading axes are free here; `geometry.py` has what works on one list of views. Quaternions are wxyz.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

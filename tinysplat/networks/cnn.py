@@ -4,8 +4,6 @@ Every norm is an InstanceNorm without affine parameters or running statistics, s
 Facts: MVSplat and DepthSplat checkpoints; docs/MODELS.md, "MVSplat and DepthSplat".
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional

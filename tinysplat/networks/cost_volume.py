@@ -12,8 +12,6 @@ Tensors per view are (B·V, …), the views of a scene next to each other. A lis
 (B·V, M) that indexes this batch: the M views of its scene that each view attends to and is swept against.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

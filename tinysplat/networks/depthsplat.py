@@ -4,8 +4,6 @@ Module names are those of the official checkpoints (architecture of 2025), so th
 Depth is z here, and every batch is B·V with the views of a scene next to each other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

@@ -1,7 +1,5 @@
 """DINOv2 vision transformer (Oquab et al. 2023), patch 14, without registers: DepthSplat's monocular backbone."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 DepthSplat uses it twice: to upsample depth (it returns a residual of inverse depth) and to make per-pixel features.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 

@@ -10,8 +10,6 @@ bounds, and a small one the coarse layer. The last layer of every head starts at
 the analysis and training can only move it from there.
 """
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 

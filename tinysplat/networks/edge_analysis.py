@@ -3,8 +3,6 @@
 Nothing here is learned, and no gradient flows into it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import torch

@@ -3,8 +3,6 @@
 Convex upsampling is after Teed and Deng, "RAFT" (2020), section 3.3.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import TypeVar
 

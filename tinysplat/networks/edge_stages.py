@@ -9,8 +9,6 @@ K is divided by width and height, c2w relative to the first view's centre; a ran
 plane, and how much larger that of its near plane is.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import ClassVar
 

@@ -6,8 +6,6 @@ moved until the photos agree. Nothing reaches farther than `HALO` pixels, so tha
 each side gives what the whole photo would.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional

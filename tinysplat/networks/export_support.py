@@ -4,8 +4,6 @@ The networks themselves are written to export (closed-form inverses, SH rotation
 here are the steps that concern the file. `export/network.py` puts them together. Needs onnx and onnxscript.
 """
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Mapping, Sequence

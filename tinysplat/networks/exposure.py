@@ -9,8 +9,6 @@ is small, as who looks from there has an exposure of his own, and of more than t
 odd one is brought to the others.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

@@ -6,8 +6,6 @@ with the centre of the first pixel at (0.5, 0.5); c2w (V, 4, 4) is rigid, so its
 A "grid" is the pixel lattice of a view at some resolution, images are (V, C, h, w).
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 from torch.nn import functional

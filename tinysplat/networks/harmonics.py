@@ -10,8 +10,6 @@ The missing sign between E and O is a property of the released weights: D must c
 follow here from the polynomials, as h_std = M D(R) mask h_raw, without Euler angles and so without branches.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from numpy.typing import NDArray

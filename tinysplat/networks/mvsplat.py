@@ -4,8 +4,6 @@ Module names are those of the official checkpoints, so that these load with `str
 as depth is a distance along the unit ray, although its cost volume treats the same number as z; the output has z.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional

@@ -4,8 +4,6 @@ Candidates spread over the whole range from near to far are spent on depths wher
 more chance of a wrong match. A look at a coarse grid tells between which depths the scene lies.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

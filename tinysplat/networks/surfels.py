@@ -5,8 +5,6 @@ rotations the surface normal, and a coarse second layer stands behind depth edge
 Values are smooth wherever the depth map is: every plane of the codec is a smooth function of inverse depth.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

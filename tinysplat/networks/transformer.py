@@ -8,8 +8,6 @@ window with wrap-around and masks what only the wrap made neighbours (Liu et al.
 permutation of tokens, so that shift and split are one read. Everything here exports with dynamic sizes.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ down, two going up, and at the coarsest level attention over the tokens of all v
 32 channels and without position code. MVSplat normalises after convolutions, DepthSplat before.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional

@@ -6,8 +6,6 @@ the more the better these are borne out, and of several views that show the same
 of the cameras go first: photos never lie on each other exactly, and the mean of six is a blur.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Photos as COLMAP is given them: one of each, upright, under names that its lists hold."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import shutil

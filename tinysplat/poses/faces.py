@@ -1,7 +1,5 @@
 """360° pictures as photos: each is cut into faces of a cube, which were taken at one place (`panoramas.py`)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

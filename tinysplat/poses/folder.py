@@ -4,8 +4,6 @@
 without what photo saw them: the layout that trainers of 3D Gaussians start from.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping, Sequence, Set

@@ -6,8 +6,6 @@ most fine detail. Standing still gives no frames, however long it takes. Where t
 the next one, as in clips of few frames a second, it may have moved by any amount: both are wanted.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A world that was found from photos, which lies anyhow, turned and shifted so that it stands upright."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ they are by XMP (Google's "Photo Sphere XMP", `GPano:ProjectionType`), videos by
 older `uuid` with the same as XML (github.com/google/spatial-media, "Spherical Video").
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

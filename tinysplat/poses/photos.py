@@ -1,7 +1,5 @@
 """Photos of a folder: which can be read, upright copies of those that differ, their masks, lenses and places."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is said of places that were found: what is no scene, and which photos were left out or are uncertain."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
 

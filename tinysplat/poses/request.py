@@ -1,7 +1,5 @@
 """What can be asked for where cameras are found: every option of `tinysplat poses`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

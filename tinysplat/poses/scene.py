@@ -5,8 +5,6 @@
 3. The world is turned upright (`level.py`), and photos, cameras and points are written (`folder.py`).
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 It says that the camera did not move, and so moves places and focal lengths. Masks leave it out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Frames of a video as photos: sharp ones, apart by what the camera moved, and more where few could be placed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tinysplat_runtime.errors import InputError

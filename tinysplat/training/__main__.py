@@ -1,7 +1,5 @@
 """The command: python -m tinysplat.training CONFIG.toml --out DIR [--minutes N | --steps N] [--resume] …."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The small file that says how to train: TOML, every key with a default but the folder of photos."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The stream of training samples: sample i is a function of the seed and i, whatever thread makes it and when."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The training loop: deterministic in its step, stoppable at any time, resumable exactly."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import defaultdict

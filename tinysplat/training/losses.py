@@ -5,8 +5,6 @@ depth: cross-entropy of the candidates' logits at half resolution, and smooth L1
 rate: what the planes cost to code, as total variation in quantiser steps: Σ_planes mean log2(1 + |∇plane| / step).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -4,8 +4,6 @@ Aimed also at where matching fails: blank and dark surfaces, thin repeated struc
 something very far, glossy objects. Everything follows from one random generator.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Textures for procedural scenes: crops of photos with an open licence, and patterns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ray casting of textured boxes, ellipsoids and rooms with exact depth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

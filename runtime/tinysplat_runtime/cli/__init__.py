@@ -1,7 +1,5 @@
 """The command `tinysplat`: parser, commands, and what they share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 

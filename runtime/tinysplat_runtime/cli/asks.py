@@ -1,7 +1,5 @@
 """What commands ask for: options of their own, beside the requests of `recipe` and those of reading (`files`)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

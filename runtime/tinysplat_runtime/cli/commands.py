@@ -1,7 +1,5 @@
 """What the commands of `cli/parser.py` do: files in, files out, results on standard output."""
 
-from __future__ import annotations
-
 import json
 from argparse import Namespace
 

@@ -1,7 +1,5 @@
 """What a file holds, as `info` says it: .tsplat files, and all other Gaussian files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What this installation is made of, and what is wrong with it: `tinysplat doctor`."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform

@@ -1,7 +1,5 @@
 """`tinysplat encode` and `compress`: photos or Gaussians in, a .tsplat file and what is said of it out."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options as argparse knows them: words alone, which `Options` read; one not given is None or False."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import re

@@ -1,7 +1,5 @@
 """Names of outputs: which are files of this machine's, and which may be written."""
 
-from __future__ import annotations
-
 import os
 import re
 from argparse import Namespace

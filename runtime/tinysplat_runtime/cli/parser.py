@@ -3,8 +3,6 @@
 Commands outside the runtime join through the entry-point group `tinysplat.commands`; see `join_commands`.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

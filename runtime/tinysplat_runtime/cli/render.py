@@ -1,7 +1,5 @@
 """`tinysplat render`: which cameras look, and pictures, depth maps and videos as files."""
 
-from __future__ import annotations
-
 import sys
 from argparse import Namespace
 from collections.abc import Sequence

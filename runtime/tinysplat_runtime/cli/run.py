@@ -3,8 +3,6 @@
 Exit status: 0 done, 2 the input is at fault (one line on standard error), 130 interrupted, 1 a fault of ours.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import gc

@@ -2,8 +2,6 @@
 to see which execution provider really runs it.
 """
 
-from __future__ import annotations
-
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence

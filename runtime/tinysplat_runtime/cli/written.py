@@ -1,7 +1,5 @@
 """What `decode` and `convert` write: a request of `recipe.export`, to a file or to standard output."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence

@@ -7,8 +7,6 @@ of the basis, so that all components are equally visible and one step is right; 
 the step lets through. What each gains: docs/CODEC.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Gaussians of one layer to real-valued planes: runs the analysis graphs (VPT and VABR) and what surrounds them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ arXiv 2506.09479. All of it is d × d, in float64 on the host; the products over
 are graphs (`analysis_moment`, `analysis_project`, `synthesis`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

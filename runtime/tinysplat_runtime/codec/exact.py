@@ -9,8 +9,6 @@ Samples are predicted from their neighbours and what is left goes through zlib, 
 8 to 17 % smaller than FFV1 and a quarter smaller than libx265's lossless mode on the bytes (docs/MODES.md).
 """
 
-from __future__ import annotations
-
 import zlib
 from hashlib import sha256
 

@@ -5,8 +5,6 @@ is not there is treated in one way, described in docs/FORMAT.md, "Prefixes": its
 view without its first depth picture is hidden, since Gaussians at a guessed depth would only cover what is right.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

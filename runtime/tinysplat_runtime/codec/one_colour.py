@@ -6,8 +6,6 @@ coefficients: those serve every direction in which some pixel is seen, this one 
 degree 0. What it gains: docs/CODEC.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

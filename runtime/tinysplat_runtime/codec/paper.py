@@ -5,8 +5,6 @@ is σ/α of the channel over all views, and HEVC quantises those integers at QP 
 σ/α · 64 · 2^((Q_c + Q_g − 4)/6), is what the 12-bit codes of `quantise` reproduce.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

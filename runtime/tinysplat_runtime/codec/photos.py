@@ -5,8 +5,6 @@ One intra picture per photo, BT.709 YCbCr of full range, 4:2:0 at 10 bits: at eq
 done here, since those of libswscale differ between versions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Planners: each looks at a scene once, and says for any Q_g how its layers are to be coded."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias

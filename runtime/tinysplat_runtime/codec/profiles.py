@@ -3,8 +3,6 @@
 Loads without numpy and libx265, so that the command line can name what there is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from ..errors import InputError

@@ -6,8 +6,6 @@ the pair is chosen to use the code range well. docs/CODEC.md, "Steps as codes", 
 and what it costs.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A model predicts what a plane costs at a quantiser step from the statistics of i
 coded is within a few percent of the size; in the next one a few channels alone change.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ a time, on several threads geometry apart from colour, so that it can work on wh
 decoded; it writes into the arrays of the result.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

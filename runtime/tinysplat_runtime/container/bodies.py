@@ -1,7 +1,5 @@
 """The bodies that there are: one for each mode."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from ..errors import FormatError

@@ -5,8 +5,6 @@ over the metadata, codes from 0 to 4095, shows before any decoding that it canno
 look at every decoded number would cost more than the synthesis itself.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cameras of a file: the sections CAMS and STEP, and the intrinsics of a layer's own grid. Layout: docs/FORMAT.md."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

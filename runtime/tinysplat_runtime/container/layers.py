@@ -1,7 +1,5 @@
 """A layer of coded planes: what its metadata says, read from section LAYR and written to it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

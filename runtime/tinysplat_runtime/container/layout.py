@@ -4,8 +4,6 @@ All numbers are little-endian. A file is a header, a table of sections, and the 
 the last section holds all pictures, in the order of the table of pictures.
 """
 
-from __future__ import annotations
-
 import struct
 
 SUFFIX = ".tsplat"

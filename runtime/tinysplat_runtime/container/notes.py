@@ -1,7 +1,5 @@
 """The optional section with what is said about a scene: named texts. Layout: docs/FORMAT.md, `NOTE`."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ Trust boundary: every length is checked against the bytes left and against `Limi
 number against its range. Code past this point may index freely. Layout: docs/FORMAT.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from operator import index

@@ -5,8 +5,6 @@ Numbers by view stand column by column: once where all views have the same, and 
 (docs/FORMAT.md, "Columns").
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass

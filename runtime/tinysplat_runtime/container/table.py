@@ -3,8 +3,6 @@
 A row is a channel of a layer or a tier, with a picture for every view.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Write a container: a mode's sections and rows in, one file's bytes out. Layout: docs/FORMAT.md."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from zlib import crc32

@@ -4,8 +4,6 @@ Written without the function that turns one into the other, they are Gaussians o
 bound refuses. How large Gaussians are is told by how far apart they lie, so that the unit of a scene does not matter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -10,8 +10,6 @@ Trust boundary: shapes, types and total size come from headers and are checked b
 unpickled.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

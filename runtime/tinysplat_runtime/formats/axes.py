@@ -4,8 +4,6 @@ Half a turn about x: y and z change sign in positions, rotations and SH, so that
 is its own inverse. An extension of SPZ has sixteen further systems, and the nodes of a scene graph any pose.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """What a written Gaussian file lost: read again, and held against the Gaussians it was made of."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

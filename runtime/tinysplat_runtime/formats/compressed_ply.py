@@ -8,8 +8,6 @@ Writers differ in what a byte of SH stands for: splat-transform cuts value / 8 +
 gives back their middles, but for the outermost two; so does this one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -8,8 +8,6 @@ and skew, which glTF has no room for, are in a camera's extras. Source: the exte
 Written here and not by a package because those at hand check no length before they take memory. `gltf_reader` reads.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -9,8 +9,6 @@ Trust boundary: accessors are held against their buffers, and these against the 
 lie in the file itself or beside it in its folder, never elsewhere.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import io

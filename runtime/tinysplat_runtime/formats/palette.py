@@ -1,7 +1,5 @@
 """Few values in place of many: codebooks of numbers, and palettes of vectors."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -10,8 +10,6 @@ Other trainers' properties: Mip-Splatting's `filter_3D` is applied; `red green b
 Trust boundary: `system.ply` holds a header's counts against the file's length before memory is taken.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

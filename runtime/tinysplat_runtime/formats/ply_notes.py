@@ -4,8 +4,6 @@ That Gaussians are antialiased is said as Brush and splat-transform say it, `Spl
 `antialiased 1`. Trust boundary: what is read goes through the checks of `Notes`, whoever wrote it.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

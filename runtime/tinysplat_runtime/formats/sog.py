@@ -15,8 +15,6 @@ Trust boundary: names of pictures must lie in the folder, and their sizes are he
 decoded.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -3,8 +3,6 @@
 Means and scales as three float32 each, RGBA as bytes, the quaternion wxyz as bytes (v − 128) / 128.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -11,8 +11,6 @@ Written here in numpy and not by a package because those at hand end their proce
 output, and fix positions to 1/4096 of a unit; here the fixed point follows the scene's size.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import BinaryIO
 

@@ -8,8 +8,6 @@ Trust boundary: the header's count is held against a bound on memory before anyt
 inflated past the bytes that the header calls for.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import struct

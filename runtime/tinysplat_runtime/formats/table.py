@@ -7,8 +7,6 @@ A format is a module beside this one, loaded when it is used, and a row of FORMA
 again where its order is given.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ The package's parser ends its process on some damaged files, so files are read i
 which opens nothing but the file itself.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

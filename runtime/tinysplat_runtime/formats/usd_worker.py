@@ -3,8 +3,6 @@
 Writes the arrays of `usd.read_usd` about axes with y up, how many prims are `hidden`, and `notes`, JSON.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -7,8 +7,6 @@ cameras.json, transforms.json, sparse/0             of what lies beside them, as
                                                     dataparser_transforms.json says how nerfstudio moved what it trained
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

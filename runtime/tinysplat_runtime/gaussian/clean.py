@@ -6,8 +6,6 @@ product of its two largest standard deviations. How far it reaches is stated in 
 Gaussians of a background hang together as the dense ones of an object do.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

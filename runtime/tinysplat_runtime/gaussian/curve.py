@@ -1,7 +1,5 @@
 """Lists of points in an order in which neighbours in space are neighbours in the list."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """How far the attributes of one set of Gaussians are from those of another."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 

@@ -1,7 +1,5 @@
 """How wide a photo's pixel is where its Gaussian lies, and Gaussians widened by a share of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

@@ -7,8 +7,6 @@ tables lie along the vertical, those of walls across it. One fit weighs all of t
 that is the vertical.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Quaternion algebra. Quaternions are wxyz on the last axis; q and -q are the same rotation."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

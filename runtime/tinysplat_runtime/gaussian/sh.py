@@ -4,8 +4,6 @@ The basis function of degree l and order m = -l … l stands at index l² + l + 
 unit vector d from the camera centre to its mean: clamp(0.5 + Σ_b Y_b(d)·sh_b, 0).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias

@@ -4,8 +4,6 @@ The contract fixes names, element types and ranks; sizes are dynamic. It is chec
 wrong file is refused with what is wrong before any work is done.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import threading

@@ -4,8 +4,6 @@ A plug-in is a library that onnxruntime loads by `register_execution_provider_li
 called `onnxruntime_ep_…` and answer `get_library_path()` and `get_ep_names()`; any other is named by its path.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import threading

@@ -1,7 +1,5 @@
 """A `.tsplat` file's bytes to Gaussians: read, and decoded by the file's mode."""
 
-from __future__ import annotations
-
 from ..codec.layers import OpenFile
 from ..container.body import Container
 from ..container.limits import Limits

@@ -1,7 +1,5 @@
 """Mode `lossless`: planes as float16, bit for bit; `exact` has what is guaranteed."""
 
-from __future__ import annotations
-
 from functools import partial
 from hashlib import sha256
 

@@ -1,7 +1,5 @@
 """Mode `photos`: the photos, and the network by its hash, which the receiver runs on them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..codec.job import Job, check_qp

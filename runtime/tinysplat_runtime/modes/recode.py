@@ -6,8 +6,6 @@ Gaussian that is still what the file decodes to takes the file's codes, and a pi
 the file's bytes: an untouched scene becomes the same planes to the bit, an edited one pays where it was edited.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

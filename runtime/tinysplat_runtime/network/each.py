@@ -7,8 +7,6 @@ again, dressing and finishing. What no photo needs any more is let go, so that i
 about the one at hand. Contracts: docs/MODELS.md, role `stage`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ Every pair tells the ratio of gains and the difference of offsets where it match
 stay as they are, so that far ones, which no pair joins, need not agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

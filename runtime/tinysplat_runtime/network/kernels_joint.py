@@ -5,8 +5,6 @@ centres at (x + ½, y + ½). A plane is its inverse depth at the pixel and how m
 (w, ∂w/∂x, ∂w/∂y).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

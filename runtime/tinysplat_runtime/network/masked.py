@@ -4,8 +4,6 @@ Where masks show a background, a Gaussian that lies there in several other photo
 Laurentini 1994): what a network takes to be behind an outline.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ Besides the result, which waits on disk, there is one group in memory, of its ph
 other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

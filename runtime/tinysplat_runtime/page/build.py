@@ -6,8 +6,6 @@ and starts them. Bytes are written to base 85, which takes a quarter more than t
 scripts of the same, with shorter names (small.json.gz), which are taken for as long as they were made of today's.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

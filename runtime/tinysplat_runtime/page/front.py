@@ -3,8 +3,6 @@
 front.js says the same, for files that a player opens.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

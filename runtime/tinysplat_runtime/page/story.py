@@ -9,8 +9,6 @@ stays at a view that plays by itself; 0, or nothing, does not play. The page mak
 Trust boundary: few and short texts that print, which pages show as text, and finite numbers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

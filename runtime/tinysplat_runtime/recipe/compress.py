@@ -1,7 +1,5 @@
 """Gaussians to a file."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Photos to a file: the steps in order, the same whoever asks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """What photos become: planes of the network's Gaussians, one trained list, or a file of the photos themselves."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """A length that somebody measured, from which follows how long a scene's unit is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whether photos fit in the memory that is free, and captures on the disk, before a network runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ..errors import InputError

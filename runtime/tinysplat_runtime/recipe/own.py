@@ -1,7 +1,5 @@
 """How like its own photos a scene looks once it is a file: the render beside them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

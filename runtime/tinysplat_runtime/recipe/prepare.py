@@ -1,7 +1,5 @@
 """Photos made ready for a network: which of them, how large, and between what depths."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ others do has the first in common with strangers, but neither of the others. How
 exposure: a photo two stops darker than the others is none. Measured in docs/lab/strangers.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from itertools import islice

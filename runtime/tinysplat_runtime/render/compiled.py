@@ -8,8 +8,6 @@ thread alone, which a sort of all splats would.
 Only the loops in `kernels_*.py` need numba; `Renderer` imports this module where it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 

@@ -5,8 +5,6 @@ Where numpy needs lists of splats of every 4×4 pixels to have long arrays, a lo
 core's L2 cache likes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ Each pair of tile and splat has a place of its own for its nine sums, in the ord
 `list/training/kernels_free.py` makes of them what changes by Gaussian.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which splats reach which tiles, in order of depth, as compiled code."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

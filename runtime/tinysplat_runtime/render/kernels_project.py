@@ -6,8 +6,6 @@ neighbours in memory, as columns a power of two apart would evict each other fro
 place of 5 ms for 131,072 Gaussians). Scratch stays in a core's L1 cache from step to step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

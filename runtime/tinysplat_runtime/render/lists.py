@@ -4,8 +4,6 @@ Blocks of Gaussians are projected and listed by the tiles of pixels that they re
 worked on, each for itself. Threads share both.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

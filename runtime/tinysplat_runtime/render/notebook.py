@@ -1,7 +1,5 @@
 """How Gaussians show themselves in a notebook: a picture from their first camera, and a few figures beside it."""
 
-from __future__ import annotations
-
 import base64
 from html import escape
 

@@ -2,8 +2,6 @@
 cube put together. Files say what they are by XMP (Google's "Photo Sphere XMP").
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import zlib

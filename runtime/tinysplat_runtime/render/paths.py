@@ -1,7 +1,5 @@
 """Camera paths: through given cameras, or around them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from numbers import Real

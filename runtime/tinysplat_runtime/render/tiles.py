@@ -9,8 +9,6 @@ are what threads share. Where a band alone has too many pairs, its splats go thr
 tiles whose pixels have all stopped take no further pairs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

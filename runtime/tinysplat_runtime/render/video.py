@@ -3,8 +3,6 @@
 One frame is held at a time. Colour is tagged and coded as BT.709, limited range, 4:2:0.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Iterable

@@ -6,8 +6,6 @@ linear in between, and 1 is white. HDR becomes what a player shows beside SDR: w
 last levels below white. Colours outside BT.709's primaries are clipped.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Trust boundary: a TIFF structure (TIFF 6.0, section 2) in which offsets lead anywhere; what is damaged says nothing.
 """
 
-from __future__ import annotations
-
 import struct
 
 _ORIENTATION, _EXIF, _INTEROPERABILITY, _INDEX = 0x0112, 0x8769, 0xA005, 0x0001

@@ -9,8 +9,6 @@ Trust boundary: files, not addresses, of containers that cannot name other files
 What libavformat and libavcodec raise becomes an InputError.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Collection, Iterator

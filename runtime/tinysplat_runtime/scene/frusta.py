@@ -1,7 +1,5 @@
 """What cameras have in their frames between two depths, by a few points: for choosing photos, not for drawing."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -6,8 +6,6 @@ others' concern, and Exif's orientation repeats the container's.
 Trust boundary: libheif, behind its own limits, after the size was read from the header.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ an embedded preview can cost memory or change a colour. Colours of an ICC profil
 sRGB (`colours`); PNG's gAMA and cHRM are ignored, as most tools do. HEIC goes to `heic`, WebP and TIFF to `pillow`.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

@@ -4,8 +4,6 @@ A plane sweep on thumbnails: for each pixel of one photo and each depth, how far
 shows there. Cameras that belong to the photos find one depth that fits nearly everywhere; others do not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ photographer's shadow, and what lies behind it is for other photos to show; or i
 at all.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -5,8 +5,6 @@ and in front of both. Cameras that belong to the photos have most common corners
 are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

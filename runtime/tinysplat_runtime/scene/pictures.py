@@ -1,7 +1,5 @@
 """Pictures written as PNG and JPEG files; `images` reads photos."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

@@ -3,8 +3,6 @@
 Trust boundary: Pillow's own readers of these two kinds alone, after the size was read from the header.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 import warnings

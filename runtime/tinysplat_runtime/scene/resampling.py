@@ -1,7 +1,5 @@
 """Photos brought to another size, as cameras are: what a pixel shows is where `Camera.resized` puts it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Photos that Exif turns, though their cameras were found for them as stored: where sizes do not tell, corners do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

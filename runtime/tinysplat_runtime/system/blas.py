@@ -7,8 +7,6 @@ all cores, and a busy core makes it wait for a time slice, 10 to 50 ms where the
 to float16 or float32 before anything follows from it. Builds of numpy without OpenBLAS keep their threads.
 """
 
-from __future__ import annotations
-
 import ctypes
 import threading
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ A run that knows its stages says so with shares, what each is likely to take aga
 those of the stages so far; those of a stage with items are told by these as soon as one is done.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """Errors of pictures in decibels, by one formula with one ceiling."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterable

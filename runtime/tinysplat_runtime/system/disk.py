@@ -6,8 +6,6 @@ thread releases all of them; what is touched next comes back from the system's f
 whenever others need it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import mmap

@@ -1,7 +1,5 @@
 """Which of many, where some are looked at: evenly, from the first to the last."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@ A file is written under a temporary name in its own folder, flushed to the disk 
 neither an error, an interrupt nor a full disk leaves half a file behind. Nothing here knows any format.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """JSON documents parsed: what is none is refused in a few words."""
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """How kernels are compiled: one set of numba's options, kept on disk where there is a place that can be written to."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable
 from typing import Any

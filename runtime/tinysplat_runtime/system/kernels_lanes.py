@@ -7,8 +7,6 @@ One operand of `+ - * /`, of a comparison and of the functions here may be a sin
 processor's vectors are shorter.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any

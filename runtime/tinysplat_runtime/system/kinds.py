@@ -4,8 +4,6 @@ Raises:
     InputError: of what stands for none; says what is expected.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

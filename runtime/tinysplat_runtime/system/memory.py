@@ -1,7 +1,5 @@
 """How much memory there is to take."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 MEMINFO = Path("/proc/meminfo")

@@ -6,8 +6,6 @@ From it come a command's parser, what manifests and Python may give, the check o
 documentation. A field's `kind` (`kinds`) takes what was given, a word or a value, and returns the value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from types import MappingProxyType

@@ -5,8 +5,6 @@ A header's comments may be in any encoding: plyfile knows ASCII alone, and never
 Trust boundary: a header's counts are held against the file's length before memory is taken.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path

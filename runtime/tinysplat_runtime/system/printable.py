@@ -4,8 +4,6 @@ The list is docs/FORMAT.md's, "NOTE". It names ranges of characters and not Unic
 version to version: a file that one reader takes no other refuses.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

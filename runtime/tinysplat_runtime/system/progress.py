@@ -4,8 +4,6 @@ Blocks of work lie within each other. A command is the outermost, which speaks o
 it is never silent for long (`still_there`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Where time and memory go: seconds by stage, as `--report` has them."""
 
-from __future__ import annotations
-
 import resource
 import sys
 import time

@@ -1,7 +1,5 @@
 """How many threads there are to use, and work shared among them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The decoder in JavaScript: `tsplat.js` and the modules that it consists of, as one text for pages that carry it."""
 
-from __future__ import annotations
-
 import importlib.resources
 import re
 from collections.abc import Callable

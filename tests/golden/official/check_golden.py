@@ -2,8 +2,6 @@
 "mid/cnn_features", …); every array of a fixture was stored with a stride per axis.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The fixtures' weights in the form of an official checkpoint; nothing is learned in them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import torch

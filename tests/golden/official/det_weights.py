@@ -13,8 +13,6 @@ is used (no distribution code), so the values do not depend on the NumPy version
     model.load_state_dict({k: torch.from_numpy(v) for k, v in sd.items()}, strict=True)
 """
 
-from __future__ import annotations
-
 import re
 import zlib
 

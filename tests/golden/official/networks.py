@@ -3,8 +3,6 @@
 Intermediate tensors are read with hooks, so the networks carry nothing for the tests' sake.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The one plotter: panels of curves, drawn with matplotlib without a display."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

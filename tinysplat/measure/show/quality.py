@@ -1,7 +1,5 @@
 """How good pictures are, as `tinysplat eval` shows it by scene, and pages by kind of window."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial

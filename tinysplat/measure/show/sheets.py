@@ -3,8 +3,6 @@
 Maps are the mean absolute difference over the colours of a pixel, all of one sheet on one scale.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

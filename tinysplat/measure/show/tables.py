@@ -3,8 +3,6 @@
 A `Listing` has a line per group of rows.
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence

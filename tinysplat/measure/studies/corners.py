@@ -4,8 +4,6 @@ the depth that the network gives at their pixels; no photo needs to be left out.
 The way `network` is what `encode --fast` codes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

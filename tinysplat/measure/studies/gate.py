@@ -6,8 +6,6 @@ chooses. Of the first scenes with `eval_index.json`, windows of three, four and 
 run with `--mode` adds the rows of another way.
 """
 
-from __future__ import annotations
-
 import itertools
 import statistics
 from collections.abc import Iterator, Sequence

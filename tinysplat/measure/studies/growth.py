@@ -3,8 +3,6 @@
 Each point is done once, in a process of its own.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ default, is read again and drawn from its own views: what `convert --check` says
 are given go out in those that README shows.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Collection, Iterator
 from pathlib import Path

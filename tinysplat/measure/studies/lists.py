@@ -7,8 +7,6 @@ folder with photos behind a file is the scene that it was trained on: then pictu
 from the fifth on, which training should not have seen, and are held against these, too.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence

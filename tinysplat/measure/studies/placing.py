@@ -4,8 +4,6 @@ The command gets the photos of a scene folder without their cameras. The places 
 ones by the similarity that fits most of them; right is what then lies within 2 % of the known places' extent.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """A subject, from what there is to photos: Source → Window → Shots."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol

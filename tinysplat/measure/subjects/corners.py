@@ -5,8 +5,6 @@ with two others at nearly one depth has a depth that needs no measured one to be
 where these photos show it (Gauss–Newton over inverse depth). They are the easiest pixels of a photo.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

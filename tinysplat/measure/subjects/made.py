@@ -4,8 +4,6 @@ All is made in float64 and rounded at the end: sines and exponentials differ in 
 vector instructions, which the float32 that comes out does not show.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ The room has walls, boxes and balls with solid textures (sums of waves with hard
 photo-consistency has something to hold on to, and depth has steps. Everything is a function of its arguments.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

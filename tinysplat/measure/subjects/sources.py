@@ -8,8 +8,6 @@ What cannot be used is left out with the reason, by window where one window is a
 boundary: files are bounded in size, and what they hold is checked field by field.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -8,8 +8,6 @@ Two things follow: what a few stripes of a picture say can be carried over to al
 contrast can be coded more coarsely than others (`block_offsets`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -8,8 +8,6 @@ sweep.py       colours over depths, for the range where corners say nothing
 seen.py        what all of them look at
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from ...scene.scenes import Scene

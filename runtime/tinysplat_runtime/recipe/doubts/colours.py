@@ -1,7 +1,5 @@
 """How photos show the corners that they have in common: brightness and order of colours."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Corners that photos have in common: what they say of cameras, of single photos and of the depth range."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...scene.matches import inliers, matched

@@ -1,7 +1,5 @@
 """Intrinsics that no photo has, and units in which nothing is drawn, by their numbers alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Photos by themselves, without their cameras: nothing on them, twice the same, borders, and what stays in place."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Other ways to read cameras, or one photo, that would fit the corners that photos have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Depths that are nearer or farther make up for much that is wrong with cameras, s
 corners do not tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -11,8 +11,6 @@ without one, photos are those beside it in the order of their names. Source: Sna
 Trust boundary: the counts are held against the lines that are there.
 """
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from pathlib import Path

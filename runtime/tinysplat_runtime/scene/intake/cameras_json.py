@@ -19,8 +19,6 @@ is the middle. Photos are sought in `images/` and beside the file.
 Trust boundary: the file is bounded in size, may not hold NaN, and names photos inside its own folder only.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ is that of the points which the photos observe, if there are any. Pixel centres 
 here, so that nothing is converted.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ frames are not read: they repeat the poses that photos have, and are often anoth
 Trust boundary: no count takes memory or time beyond the bytes that are there.
 """
 
-from __future__ import annotations
-
 import mmap
 import struct
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """The depth range of a scene from points on its surfaces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,8 +10,6 @@
   from the middle. Source: opensfm.org/docs/geometry.html.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

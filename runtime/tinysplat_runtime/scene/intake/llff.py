@@ -5,8 +5,6 @@ its centre, and (height, width, focal length); then the nearest and farthest dep
 "Using your own poses without running COLMAP". Pictures may since have been scaled: K follows their size.
 """
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

@@ -7,8 +7,6 @@ in a folder, or `mask.png`, is that of all photos. Of the two meanings (`scene.m
 which leave out what moves; where a photo is transparent, there is nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice

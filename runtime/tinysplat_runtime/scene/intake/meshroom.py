@@ -6,8 +6,6 @@ millimetres of `sensorWidth`, with `pixelRatio` fx / fy before 1.2.5 and its inv
 the middle since 1.2.1. Source: github.com/alicevision/AliceVision, src/aliceVision/sfmDataIO/jsonIO.cpp.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -9,8 +9,6 @@ Manual, appendix C, "Camera models".
 Trust boundary: documents with a type or entities of their own are refused before they are parsed.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace

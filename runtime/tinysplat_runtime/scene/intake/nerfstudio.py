@@ -7,8 +7,6 @@ where `camera_model` or `is_fisheye` says so; `mask_path` names a frame's mask. 
 docs.nerf.studio, "Data conventions"; instant-ngp, docs/nerf_dataset_tips.md.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -6,8 +6,6 @@ smaller copies are taken (`images_2`, `images_4`, `images_8`). Names that begin 
 leaves such files on foreign disks.
 """
 
-from __future__ import annotations
-
 import re
 import time
 import unicodedata

@@ -6,8 +6,6 @@ in a folder of the file's own name, in `images/`, or beside it; without any, a v
 has the frames. Source: google.github.io/realestate10k.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

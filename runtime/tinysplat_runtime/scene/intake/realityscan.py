@@ -7,8 +7,6 @@ Distortion is Brown's: k1 to k4 by r², r⁴, r⁶ and r⁸, and t for OpenCV's 
 export", and Epic's "Camera Geometry in RealityScan".
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -1,7 +1,5 @@
 """A rectified stereo pair: two photos, a focal length and a baseline make a scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

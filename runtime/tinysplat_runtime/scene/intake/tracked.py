@@ -1,7 +1,5 @@
 """What other trackers' files have in common: cameras by the names of photos, which lie in a folder nearby."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath

@@ -4,8 +4,6 @@ Which frame a pose is of: the last number in the photo's name counts frames of t
 a RealEstate10K file, which has the time of each. Frames are decoded when their pictures are asked for.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
