@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from tinysplat import transforms as T
-from tinysplat.networks.algebra import quats_to_matrices
+from tinysplat.networks.geometry import quats_to_matrices
 from tinysplat_runtime.graphs.inference import CONTRACTS
 from tinysplat_runtime.system.progress import working
 

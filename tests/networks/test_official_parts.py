@@ -8,8 +8,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from tinysplat.networks import build
-from tinysplat.networks.algebra import quats_to_matrices
 from tinysplat.networks.cost_volume import MIN_Z, all_others, inverse_depth_candidates, match_scores
+from tinysplat.networks.geometry import quats_to_matrices
 from tinysplat.networks.harmonics import HarmonicsToWorld, coefficient_mask, rendered_basis
 from tinysplat_runtime.errors import InputError
 from tinysplat_runtime.gaussian.sh import sh_basis

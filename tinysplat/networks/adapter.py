@@ -8,8 +8,7 @@ from torch.nn import functional
 
 from tinysplat.transforms import multiply_quats
 
-from .algebra import invert_intrinsics, quats_to_matrices
-from .geometry import rotation_quats
+from .geometry import invert_intrinsics, quats_to_matrices, rotation_quats
 
 MIN_SCALE, MAX_SCALE = 0.5, 15.0
 """Range of the relative scale rule, in tenths of a pixel's footprint (fx and fy summed)."""

@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .algebra import invert_intrinsics
-from .geometry import relative_pose
+from .geometry import invert_intrinsics, relative_pose
 
 
 def all_others(c2w: Tensor) -> Tensor:

@@ -82,7 +82,7 @@ def info_text(file: str, described: JsonObject) -> str:
         *(_plane_text(plane) for plane in d["planes"]),
         "",
         "a prefix of  adds",
-        *_prefix_lines(d["prefixes"]),
+        *(f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in d["prefixes"]),
     ]
     left_out = d["left_out"]
     if d["views"] > MOST_LISTED:  # that a plane is constant stands above
@@ -101,14 +101,6 @@ def _view_lines(sizes: Sequence[int]) -> list[str]:
     low, middle, high = min(sizes), sorted(sizes)[(len(sizes) - 1) // 2], max(sizes)
     spread = (("least", low), ("median", middle), ("most", high))
     return ["views        bytes", *(f"{word:<9} {n:8}  view {sizes.index(n)}" for word, n in spread), ""]
-
-
-def _prefix_lines(prefixes: Sequence[JsonObject]) -> list[str]:
-    """Useful prefixes; of files whose views are units, some that end with a view."""
-    if not prefixes or "views" not in prefixes[0]:
-        return [f"{p['bytes']:11}  layer {p['layer']}: {', '.join(p['adds'])}" for p in prefixes]
-    shown = sorted({0, *(len(prefixes) * part // 4 - 1 for part in (1, 2, 3, 4))} - {-1})
-    return [f"{prefixes[n]['bytes']:11}  views up to {n}" for n in shown]
 
 
 def _views_text(d: JsonObject) -> str:

@@ -61,12 +61,6 @@ def layer_pairs(original: Gaussians, decoded: Gaussians) -> list[tuple[Gaussians
     return list(zip(original.layers, decoded.layers, strict=True))
 
 
-def spread(parts: list[NDArray]) -> dict[str, float]:
-    """Root mean square and largest magnitude over the values of float arrays of any shape."""
-    values = np.concatenate([part.ravel() for part in parts])
-    return {"rmse": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
-
-
 def _angles(a: NDArray, b: NDArray) -> NDArray:
     """Angle in degrees between rotations (…, 4) of any length and sign; exact near zero, where arccos is not."""
     a = a / np.linalg.norm(a, axis=-1, keepdims=True)
