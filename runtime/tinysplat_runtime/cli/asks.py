@@ -105,9 +105,8 @@ class Decode(Reported):
 class Convert(Written):
     """`tinysplat convert`."""
 
-    files: tuple[str, ...] = option(
-        kinds.path, REQUIRED, is_bare=True, is_many=True, metavar="IN", help=""
-    )  # usage tells
+    files: tuple[str, ...] = option(kinds.path, REQUIRED, is_bare=True, is_many=True, metavar="IN", help="")
+    """The line of usage tells what they are."""
     output: str = option(kinds.written, REQUIRED, short="o", metavar="OUT", help=f"as IN: .tsplat, {GAUSSIAN_FILES}")
     check: bool = flag(help="print bytes and loss in dB of the file")
 

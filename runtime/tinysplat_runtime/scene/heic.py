@@ -6,6 +6,7 @@ others' concern, and Exif's orientation repeats the container's.
 Trust boundary: libheif, behind its own limits, after the size was read from the header.
 """
 
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,7 @@ def is_heic(data: bytes) -> bool:
 
 def is_installed() -> bool:
     """Whether HEIC photos can be read here."""
-    try:
-        import pillow_heif  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("pillow_heif") is not None
 
 
 def opened(data: bytes) -> Any:

@@ -6,6 +6,7 @@ Trust boundary: Pillow's own readers of these two kinds alone, after the size wa
 import io
 import logging
 import warnings
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -19,16 +20,8 @@ SUFFIXES = (".webp", ".tif", ".tiff")
 INSTALL = 'pip install "tinysplat[io]"'
 
 _ORIENTATION, _DNG_VERSION = 0x0112, 0xC612
-_FAULTS = (
-    OSError,
-    ValueError,
-    SyntaxError,
-    EOFError,
-    KeyError,
-    IndexError,
-    TypeError,
-    RuntimeError,
-)  # of damaged files
+_FAULTS = (OSError, ValueError, SyntaxError, EOFError, KeyError, IndexError, TypeError, RuntimeError)
+"""What Pillow raises of damaged files."""
 
 
 def is_read(data: bytes) -> bool:
@@ -38,11 +31,7 @@ def is_read(data: bytes) -> bool:
 
 def is_installed() -> bool:
     """Whether they can be read here."""
-    try:
-        import PIL  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("PIL") is not None
 
 
 def opened(data: bytes) -> tuple[Any, int]:
