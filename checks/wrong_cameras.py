@@ -141,7 +141,6 @@ FAULTS = {  # each photo, K and pose, and what a line that names the cause says 
     "banner over all photos": (lambda i, K, p: (bannered(i), K, p), ("one place of the picture",)),
 }
 
-
 RANGES = {  # factors of near and far, where these are stated
     "near a twentieth": (0.05, 1),
     "near and far × 0.1": (0.1, 0.1),

@@ -57,7 +57,6 @@ POSES = {
     "focal lengths 1000 times apart": [_camera((0, 0, 0), focal=4.0), _camera((0.2, 0, 0), focal=4000.0)],
 }
 
-
 every_network = pytest.mark.parametrize("model", ["sweep", "edge"])
 
 

@@ -10,7 +10,6 @@ RUNTIME = ROOT / "runtime" / "tinysplat_runtime"
 PAGES = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "SECURITY.md", "CHANGELOG.md")]
 PAGES += [ROOT / "docs" / "llms.txt", *sorted((ROOT / "docs").rglob("*.md"))]
 
-
 PATH = re.compile(r"`((?:[\w.-]+/)*[\w.{},*-]+\.(?:py|js|md|toml))`")
 ELSEWHERE = {"three.webgpu.js", "MODEL_ZOO.md", "count.mjs", "container/toy.py", "modes/toy.py"}
 """Files of other projects, and of examples."""

@@ -92,11 +92,7 @@ class ChunkFolder:
     """A folder of chunks; scenes are loaded when asked for, the last chunk is kept."""
 
     def __init__(self, path: StrPath, spec: DatasetSpec) -> None:
-        """Read the folder's index.
-
-        Raises:
-            InputError: there is none, or it is not one.
-        """
+        """Read the folder's index; InputError where there is none, or it is not one."""
         self.path, self.spec = Path(path), spec
         index = self.path / INDEX_FILE
         what = "of chunk files of this folder by scene key"
@@ -105,11 +101,7 @@ class ChunkFolder:
             raise InputError(f"expected an object {what}", where=str(index))
 
     def scene(self, key: str) -> ChunkScene:
-        """One scene.
-
-        Raises:
-            InputError: no such scene, or its chunk is unreadable or breaks the layout.
-        """
+        """One scene; InputError where there is no such scene, or its chunk is unreadable or breaks the layout."""
         if key not in self.chunks:
             raise InputError(f"no scene '{key}' in {INDEX_FILE}", where=str(self.path))
         path = self.path / self.chunks[key]

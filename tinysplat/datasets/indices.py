@@ -42,7 +42,6 @@ SPECS = {
     )
 }
 
-
 MAX_INDEX_BYTES = 64 * 1000 * 1000
 """RealEstate10K's, the largest there is, takes half a megabyte."""
 

@@ -82,7 +82,6 @@ def _packaged_linear() -> Path | None:
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # ImageNet's moments for inputs in [−1, 1]
 _NORM_EPSILON = 1e-10
 
-
 BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
 """Channels of VGG-16's convolutions of 3 × 3 between its poolings; what stands behind the last of each is compared."""
 
@@ -94,11 +93,7 @@ class Lpips:
     """The metric: `lpips(image, reference)`, 0 for equal pictures, larger for less alike ones."""
 
     def __init__(self, files: LpipsFiles) -> None:
-        """Load the weights.
-
-        Raises:
-            InputError: a file is unreadable, or holds other weights than the net's.
-        """
+        """Load the weights; InputError where a file is unreadable, or holds other weights than the net's."""
         from torch import nn
 
         self._features, linear = nn.Sequential(), nn.ModuleDict()  # with torchvision's and lpips' names

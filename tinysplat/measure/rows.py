@@ -82,11 +82,7 @@ class RowFile:
     """Rows on disk, in the order in which they were measured; of two of one key the later counts."""
 
     def __init__(self, path: StrPath) -> None:
-        """Read what is there, leaving out a torn last line.
-
-        Raises:
-            InputError: the file is another, or cannot be read.
-        """
+        """Read what is there, leaving out a torn last line; InputError where the file is another, or cannot be read."""
         self.path = Path(path)
         self._rows: dict[tuple[tuple[str, ...], str], Row] = {}
         if self.path.is_file():

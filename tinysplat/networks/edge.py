@@ -49,7 +49,6 @@ MIN_SIDE = 32
 OPACITY_CAP = 31 / 32
 """Bound on a surface Gaussian's opacity: nearly none, as where depth is sure what lies behind should not show."""
 
-
 WIDTHS = (32, 64, 96, 96)
 """Channels of the U-Net at 1/2, 1/4, 1/8 and 1/16 resolution."""
 

@@ -14,7 +14,6 @@ from .sweep import AlignmentSettings, Comparison, SweepSettings, agreed, align_p
 WINDOW = 2
 """Candidates on each side of the best that the expected depth is taken over."""
 
-
 ANALYSIS = SweepSettings(candidates=26, alignment=AlignmentSettings(steps=1, any_exposure=True))
 """The analytic part."""
 

@@ -20,7 +20,6 @@ OUTPUT_NAMES = ("means", "quats", "scales", "opacities", "sh")
 HALO = 16
 """Rows beside a strip on which its own depend: two boxes of 11 pixels, one of 9 for slopes, and a difference."""
 
-
 EDGE = 24.0
 """Fall of a small pixel's weight with the summed difference of its colour to the large one's."""
 

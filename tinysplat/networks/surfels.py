@@ -36,7 +36,6 @@ MAX_SLOPE = 2.0
 SLOPE_WINDOW = 25
 """Side in pixels of the box that slopes are averaged over: their noise shows in no picture, and costs bits."""
 
-
 SURFACES = 2.0
 """How many surfaces lie in one another, from as many views, where one is drawn: each hides as much again."""
 

@@ -30,7 +30,6 @@ STRIDE = 4
 """Image sides are multiples of it: the coarse layer's cell."""
 MIN_SIDE = 32
 
-
 REACH, LARGEST_STEP = 0.5, 1.0
 """Of aligning: half the distance between the samples of the derivative, and bound on a step, candidates."""
 
@@ -72,7 +71,6 @@ INTRUSION_FROM, INTRUSION_RAMP = 1.0, 2.0
 
 LEAST_WITNESS = 0.3
 """Least weight of a source's own agreement in that."""
-
 
 COLOUR_LIMIT, CONTRAST_LIMIT = 0.12, 1.0
 """Where differences of colour and of local contrast are cut."""

@@ -37,7 +37,6 @@ its way are joined at scales that nothing says.
 LEAST_PARALLAX, MOST_UNCERTAIN = 2.5, 0.5
 """Degrees between the directions in which most points are seen, and share of uncertain places, that a scene has."""
 
-
 FOCALS = np.geomspace(0.4, 3.0, 50)
 """Focal lengths that a camera that only turns is tried with, of the picture's longer side."""
 

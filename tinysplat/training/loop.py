@@ -62,11 +62,7 @@ def learning_rate(step: int, settings: OptimiserSettings) -> float:
 
 
 def choose_device(name: str) -> torch.device:
-    """The device called cpu, cuda or auto.
-
-    Raises:
-        InputError: no such device here.
-    """
+    """The device called cpu, cuda or auto; InputError where there is no such device here."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     if name not in ("cpu", "cuda") or (name == "cuda" and not torch.cuda.is_available()):

@@ -32,7 +32,6 @@ ERROR_FLOOR = 1e-4
 LARGEST_ERROR = 4.0
 """Depth errors beyond this many candidates pull no harder."""
 
-
 L1, GRADIENT, DECIBEL = 0.5, 0.25, 0.3
 """Weights of the photometric term; that of the squared error's logarithm lets every picture count alike, however hard
 it is."""

@@ -28,7 +28,6 @@ EXTRAS = {
 }
 """Commands that an extra brings, for the message when it is not installed."""
 
-
 OF_CONVERT = ("crop", "rotate", "scale", "translate", "cameras")
 """Options that `decode` has not."""
 

@@ -28,7 +28,6 @@ from .outputs import STANDARD
 DEEPEST = 65535
 """Largest value of a depth map's 16 bits."""
 
-
 FRAMES, FRAMES_A_VIEW = 60, 8
 """Of a video where none are asked for: at least the first, and the second from view to view."""
 

@@ -44,7 +44,6 @@ _WORTH_TWO_PICTURES = 0.5
 """Depth is coded twice when the step wanted is below this share of the finest that 12 bits have. Two pictures cost a
 tenth more than one of the same step would: nearer to it, the bytes buy more in other classes."""
 
-
 MEASURED = (PlaneClass.DEPTH, PlaneClass.OPACITY)
 """Classes whose steps follow from a look at the scene."""
 

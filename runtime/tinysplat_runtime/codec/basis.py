@@ -25,7 +25,6 @@ under 10,000, so that Δ⁻¹ in float32 still returns coefficients to 1e-4 of t
 WEIGHT_FLOOR = 1e-3
 """Least eigenvalue of the directions' second moment, relative to its largest, when its root is the weighting."""
 
-
 _LEAST_ENERGY = 1e-12
 """Eigenvalues below this share of the largest are rounding errors of nothing."""
 

@@ -30,7 +30,6 @@ _LEAST_STEP = 0.02
 
 _LEAST_APART = 0.1
 
-
 Made = TypeVar("Made")
 
 

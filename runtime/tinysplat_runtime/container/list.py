@@ -264,11 +264,7 @@ def position_streams(picture: Picture) -> list[memoryview]:
 
 
 def read_list(file: Opened) -> ListScene:
-    """Parse and check the sections LIST and TIER.
-
-    Raises:
-        FormatError: damaged, or beyond the limits.
-    """
+    """Parse and check the sections LIST and TIER; FormatError where they are damaged, or beyond the limits."""
     cursor = Cursor(file.only(LIST))
     degree, _, k, *centre, radius, low_x, low_y, low_z, middle = cursor.unpack(LIST_FIXED)
     d = 3 * (degree + 1) ** 2

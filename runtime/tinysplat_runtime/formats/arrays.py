@@ -41,7 +41,6 @@ _ARRAY_NAME = re.compile(
     r"(?:layer[1-9]\d{0,3}_)?(?:means|quats|scales|opacities|sh|K|c2w)|origin|viewpoint_(?:K|c2w|size)"
 )
 
-
 _Header = tuple[str, tuple[int, ...], int]
 """Of an array that a file announces: its type in words, its shape, and bytes of a number, 0 of what is none."""
 

@@ -23,7 +23,6 @@ from . import SH_BITS, SPZ_VERSION
 ORIGIN_TOLERANCE = 1e-6
 """Largest rounding of means, relative to the distance from the nearest camera, that needs no origin."""
 
-
 Contents: TypeAlias = tuple[dict[str, NDArray], Mapping[str, Any]]
 """What a reader gives: arrays by name, and fields of `Notes`."""
 

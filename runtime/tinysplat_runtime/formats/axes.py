@@ -18,7 +18,6 @@ HALF_TURN = np.array([1.0, -1.0, -1.0])
 QUAT_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 """Signs of w, x, y and z of a rotation about the turned axes."""
 
-
 SPZ_AXES, SPZ_SYSTEMS = 4, 16
 """Number of right-up-back among the coordinate systems of SPZ's library, and the last of them."""
 

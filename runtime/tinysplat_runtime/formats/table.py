@@ -99,7 +99,6 @@ FORMATS = (
     Format("splat", (".splat",), "a list, bytes, one colour", "gaussforge", "", _from("splat.read_splat")),
 )  # fmt: skip
 
-
 _ARCHIVE = "an archive: unpack it first and name the file in it"
 _CONVERTED = "not read; splat-transform (npm, @playcanvas/splat-transform) converts it to .ply"
 
@@ -131,11 +130,7 @@ def ending_of(data: bytes) -> str | None:
 
 
 def find_format(path: StrPath, *, written: bool) -> Format:
-    """The format that a file's name tells.
-
-    Raises:
-        InputError: none that is read, or written.
-    """
+    """The format that a file's name tells; InputError where it is none that is read, or written."""
     name = Path(path).name.lower()
     accepted = endings(written=written)
     fitting = [ending for ending in accepted if name.endswith(ending)]

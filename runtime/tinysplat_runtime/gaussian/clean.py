@@ -61,11 +61,7 @@ def cleaned(gaussians: Gaussians, how: str, *, as_list: bool, threads: int, told
 
 
 def floaters(gaussians: Gaussians, threads: int = 1) -> NDArray:
-    """(N,) bool of a list, which of its visible Gaussians float.
-
-    Raises:
-        InputError: scipy is missing.
-    """
+    """(N,) bool of a list, which of its visible Gaussians float; InputError where scipy is missing."""
     with fast_for("clean"):
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import connected_components

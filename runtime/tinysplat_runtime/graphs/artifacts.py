@@ -54,11 +54,7 @@ class Artifact:
         return self.sha256 or hashlib.sha256(self.read()).hexdigest()
 
     def read(self) -> bytes:
-        """The file's bytes, checked against the manifest's hash.
-
-        Raises:
-            ModelError: missing, unreadable or altered file.
-        """
+        """The file's bytes; ModelError where it is missing, unreadable, or not of the manifest's hash."""
         try:
             data = self.path.read_bytes()
         except OSError as error:
@@ -88,11 +84,7 @@ def models_dir(folder: str | os.PathLike[str] | None = None) -> Path:
 
 
 def load_manifest(folder: str | os.PathLike[str] | None = None) -> dict[str, Artifact]:
-    """All shipped artifacts by name.
-
-    Raises:
-        ModelError: there is no manifest, or it is not one.
-    """
+    """All shipped artifacts by name; ModelError where there is no manifest, or it is not one."""
     root = models_dir(folder)
     path = root / MANIFEST
     try:

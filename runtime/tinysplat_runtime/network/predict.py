@@ -25,7 +25,6 @@ a mean at that distance is 1.5e-5 of the near depth, a hundredth of a pixel for 
 SAME_POSE = 1e-6
 """Two views closer than this, in near planes and as |R₁ − R₂|, are one view given twice."""
 
-
 MAX_SIDE = 4096
 """Largest stride and least side that a network may ask for: photos are grown to them before it runs."""
 

@@ -33,7 +33,6 @@ JPEG_QUANTISER = 5
 _MARKUP = bytes.maketrans(b"<>&$`", b",./:[")
 """What stands for characters of RFC 1924's base 85 that mean something in HTML or in a template."""
 
-
 ALLOWED = (
     "script-src 'unsafe-inline' blob:; worker-src blob:; style-src 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src 'self' blob:"

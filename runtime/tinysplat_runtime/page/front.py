@@ -35,7 +35,6 @@ OPAQUE = 0.1
 
 _LUMA = np.array([0.3, 0.59, 0.11])
 
-
 NEARLY = 0.95
 """Share of the most that is shown from which on a view shows nearly as much."""
 

@@ -27,7 +27,6 @@ OWN_PIXELS = 1 << 20
 _SAMPLED = 16
 """Every so many-th row and column tell which rows of pixels a band is drawn with."""
 
-
 OWN_VIEWS = 8
 """Photos of a capture that are looked at, spread over it."""
 

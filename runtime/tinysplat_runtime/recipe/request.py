@@ -37,7 +37,6 @@ VIDEO, HOW = "video, stereo, depth", "how files are written"
 RATE = ("qp", "target_size", "target_psnr", "lossless", "like")
 """Options that say how fine planes are coded; one of them at most."""
 
-
 PLANES_ALONE = "fast", "lossless", "like"
 """Options that say that photos become planes."""
 

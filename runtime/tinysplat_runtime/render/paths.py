@@ -19,7 +19,6 @@ ORBIT_RADIUS = 0.04
 ORBIT_FLATNESS = 0.5
 """Vertical half axis over horizontal: a picture survives sideways motion better, its views lie side by side."""
 
-
 RING_SIDE = 384
 """Pixels of the sides of `ring`'s views."""
 

@@ -12,7 +12,6 @@ from ..system.files import StrPath, write_atomically
 
 _RGB_TO_JPEG = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])  # JFIF
 
-
 _FORMATS = {(): "gray", (3,): "rgb24", (4,): "rgba"}
 """By an image's shape after its rows and columns, libavutil's name."""
 

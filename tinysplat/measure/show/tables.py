@@ -19,7 +19,6 @@ Cell = Callable[[Sequence[Row]], str]
 Table = Callable[[Sequence[Row]], str]
 """Rows of a run to Markdown; empty where none is its."""
 
-
 Write = Callable[[Any], str]
 """What writes a value into a cell."""
 

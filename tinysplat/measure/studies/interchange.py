@@ -60,7 +60,6 @@ _COLUMNS = {
 }
 _IN_SHORT = ("PLY (3DGS)", "SPZ", "SOG")
 
-
 _SIDE_BY_SIDE = {
     "": said("subject"),
     "Gaussians": said("count", "{:,}".format),

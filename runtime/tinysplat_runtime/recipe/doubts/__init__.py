@@ -33,7 +33,6 @@ KINDS: tuple[Callable[[Seen], list[str]], ...] = (
 )
 """Each gives a line for what it finds; the likeliest cause of what others would see comes first."""
 
-
 OF_NO_RANGE = tuple(kind for kind in KINDS if kind not in (range_of_corners, range_doubts))
 """Those that ask for no depths."""
 

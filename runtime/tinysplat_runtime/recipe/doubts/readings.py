@@ -20,7 +20,6 @@ FACTORS = tuple(1.15**n for n in range(-8, 9) if n)
 ROUNDS = 12
 """Rounds of reweighted least squares that find where a camera stands."""
 
-
 TOLD = 0.01
 """Of how well lines tell a shift across most of them: along lines that are nearly parallel, they tell none."""
 

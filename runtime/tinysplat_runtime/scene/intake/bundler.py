@@ -35,11 +35,7 @@ _NUMBERS_BEHIND = re.compile(r"\s+\d+\s+[\d.eE+-]+\s*$")  # of a name: whether a
 
 
 def read_bundler(file: Path) -> Track:
-    """The cameras and points of such a file.
-
-    Raises:
-        InputError: names the camera and its row.
-    """
+    """The cameras and points of such a file; InputError names the camera and its row."""
     lines = read_limited(file, _MAX_BYTES).splitlines()[1:]
     cameras, points = (int(count) for count in numbers("line 2", lines[0] if lines else b"", 2))
     if not 0 < cameras <= len(lines) // _LINES or not 0 <= points <= len(lines) // _POINT_LINES:

@@ -39,11 +39,7 @@ CAMERAS_FILE = "cameras.json"
 
 
 def load_folder(file: Path) -> Scene:
-    """The scene of a `cameras.json`.
-
-    Raises:
-        InputError: names the file and the field at fault.
-    """
+    """The scene of a `cameras.json`; InputError names the file and the field at fault."""
     folder = file.parent
     with within(str(file)):
         document = parse_json(read_limited(file, MAX_CAMERAS_BYTES))

@@ -18,7 +18,6 @@ from ..cameras import check_depth, finite_array
 MAX_NAME_BYTES, MAX_PATH_LENGTH = 240, 2000
 """Longest name and path of a photo: file systems hold 255 bytes and 4096, a suffix and the scene's folder included."""
 
-
 MAX_NUMBER = 1e300
 """Whole numbers in JSON may be larger than any of floating point."""
 

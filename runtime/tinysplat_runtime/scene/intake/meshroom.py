@@ -34,11 +34,7 @@ _MOST_POINTS = 100_000
 
 
 def read_meshroom(file: Path) -> Track:
-    """The cameras and landmarks of such a file.
-
-    Raises:
-        InputError: names the view or intrinsic and its field.
-    """
+    """The cameras and landmarks of such a file; InputError names the view or intrinsic and its field."""
     document = Fields(parse_json(read_limited(file, _MAX_BYTES)))
     version = tuple(int(part) for part in numbers("version", document.value("version", ["1", "0", "0"]), 3))
     intrinsics = {_key(entry, "intrinsicId"): entry for entry in document.each("intrinsics")}

@@ -39,11 +39,7 @@ _MAX_POINTS_BYTES = 4 << 30
 
 
 def load_transforms(path: Path) -> Scene:
-    """Read a folder with a `transforms.json`, or such a file.
-
-    Raises:
-        InputError: names the file and the field at fault.
-    """
+    """Read a folder with a `transforms.json`, or such a file; InputError names the file and the field at fault."""
     file = path / (FILE if (path / FILE).exists() else BLENDER_FILE) if path.is_dir() else path
     with within(str(file), known=str(file.parent)):
         document = parse_object(read_limited(file, MAX_CAMERAS_BYTES))

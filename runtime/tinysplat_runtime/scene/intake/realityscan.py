@@ -31,11 +31,7 @@ _FILM = 36.0  # of the longer side, to which f refers
 
 
 def read_realityscan(file: Path) -> Track:
-    """The cameras of such a file.
-
-    Raises:
-        InputError: names the photo and its column.
-    """
+    """The cameras of such a file; InputError names the photo and its column."""
     text = read_limited(file, MAX_CAMERAS_BYTES).decode("utf-8-sig", "replace")
     rows = csv.reader(io.StringIO(_COUNT.sub("", text).removeprefix("#"), newline=""))
     try:
