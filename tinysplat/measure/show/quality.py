@@ -37,14 +37,6 @@ def results_text(rows: Sequence[Row]) -> str:
     return "\n\n".join(sections)
 
 
-def _windows(rows: Sequence[Row]) -> str:
-    return str(sum(row.figures["windows"] for row in rows))
-
-
-def _named(rows: Sequence[Row]) -> str:
-    return "{kind}, {views} views".format(**rows[0].setting)
-
-
 def _coded(rows: Sequence[Row]) -> str:
     height, width = rows[0].setting["size"]
     return "{model}, {profile} {qp:g}, {width}×{height}".format(**rows[0].setting, width=width, height=height)
@@ -56,7 +48,7 @@ def _seconds(stages: Sequence[str], rows: Sequence[Row], write: Write) -> str:
 
 
 _COLUMNS: dict[str, Cell] = {
-    "windows": _windows,
+    "windows": lambda rows: str(sum(row.figures["windows"] for row in rows)),
     "photo dB": mean("psnr_photo", decibels),
     "raw dB": mean("psnr_raw", decibels),
     "coded dB": mean("psnr", decibels),
@@ -85,7 +77,7 @@ _RESULTS = Listing(STUDY, {"scene": said("scene"), **_COLUMNS}, by=("scene",))
 _SUMMARY = Listing(
     STUDY,
     {
-        "": _named,
+        "": lambda rows: "{kind}, {views} views".format(**rows[0].setting),
         "network, coding": _coded,
         "scenes": lambda rows: str(len(rows)),
         **{head: _COLUMNS[head] for head in _IN_SHORT},

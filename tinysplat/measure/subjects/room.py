@@ -121,7 +121,8 @@ def _texture(points: NDArray, thing: NDArray) -> NDArray:
     things = 1 + len(_BOXES) + len(_BALLS)
     out = np.empty(points.shape)
     frequency = 0.5 * 1.4 ** np.arange(9)  # cycles per scene unit
-    waves = frequency[:, None] * _unit(rng.standard_normal((9, 3)))
+    directions = rng.standard_normal((9, 3))
+    waves = frequency[:, None] * (directions / np.linalg.norm(directions, axis=-1, keepdims=True))
     phase = rng.uniform(0, 2 * np.pi, (things, 9))
     base, jump = rng.uniform(0.3, 0.6, (things, 3)), rng.uniform(-0.15, 0.15, (things, 3))
     swing = rng.uniform(0.06, 0.12, (things, 1)) + rng.uniform(0, 0.05, (things, 3))
@@ -132,7 +133,3 @@ def _texture(points: NDArray, thing: NDArray) -> NDArray:
         edge = np.sign(np.sin(2.2 * np.pi * points[at] @ waves[0] + phase[i, 0])) * (rough > 0.2)
         out[at] = base[i] + swing[i] * rough[:, None] + jump[i] * edge[:, None]
     return out.clip(0.02, 0.98)
-
-
-def _unit(vectors: NDArray) -> NDArray:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
