@@ -21,10 +21,10 @@ AT_MOST = 700
 """Of 5,376."""
 
 
-def wall(away: np.ndarray) -> tuple[Gaussians, list[Target]]:
+def wall(away: np.ndarray, height: int = 24, width: int = 32) -> tuple[Gaussians, list[Target]]:
     """Views of a painted wall at a depth of 3, each of which has it at its own, and photos of it."""
-    cameras = make_cameras(len(away), 24, 32, turn=0, shift=(0, 0))
-    y, x = np.mgrid[:24, :32] + 0.5
+    cameras = make_cameras(len(away), height, width, turn=0, shift=(0, 0))
+    y, x = np.mgrid[:height, :width] + 0.5
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cameras[0].K).T
     centres = np.stack([camera.centre for camera in cameras])[:, None, None]
     painted = 3 * rays + centres
@@ -178,3 +178,20 @@ def test_what_is_before_nothing_is_seen_through_not_black(torn) -> None:
             render(found, one.camera, **DEFINITION, outputs=("alpha",))["alpha"][:, 20:].mean() for one in targets
         ]
     assert np.mean(covered["nothing"]) < 0.8 * np.mean(covered["black"]) and np.mean(covered["black"]) > 0.95
+
+
+def test_before_an_object_of_its_own_nothing_floats_in_few_photos_but_what_they_alone_show() -> None:
+    capture, targets = wall(np.full(3, 3.0), 48, 64)
+    means, scales = capture.means.copy(), capture.scales.copy()
+    for speck in ((2, slice(20, 23), slice(30, 32)), (0, slice(20, 23), slice(2))):  # so near that one photo has it
+        means[speck] = capture.cameras[speck[0]].centre + (means[speck] - capture.cameras[speck[0]].centre) / 15
+        scales[speck] /= 15
+    masked = [replace(one, nothing=np.zeros(one.photo.shape[:2], np.float32)) for one in targets]
+    whole = Settings(start=1.0, grown=0.0, detail=100, worth_of_few=0)
+    left = {}
+    for name, given in (("all", targets), ("object", masked)):
+        stats, changed = TrainStats(), capture.changed(means=means, scales=scales)
+        found = trained(changed, given, Budget(9_216, 2), threads=1, settings=whole, stats=stats)
+        near = found.means[found.means[:, 2] < 1, 0]
+        left[name] = (near < -0.2).sum(), (near > -0.2).sum(), stats.floating > 0, "floaters" in stats.text
+    assert left == {"all": (6, 6, False, False), "object": (6, 0, True, True)}

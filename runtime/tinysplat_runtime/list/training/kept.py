@@ -80,7 +80,7 @@ def _judged(
     borne_out, before, served = (np.zeros(len(means), np.int32) for _ in range(3))
     for other in near if is_surface else (view, *near):
         camera, depth = gaussians.cameras[other], depths[other]
-        row, column, z, inside = _pixels(means, gaussians.origin, camera)
+        row, column, z, inside = pixels_of(means, gaussians.origin, camera)
         there = np.where(inside, depth[row, column], np.inf)
         away = z / there - 1
         same = inside & (np.abs(away) <= SAME_DEPTH)
@@ -92,8 +92,8 @@ def _judged(
     return borne_out, before, served
 
 
-def _pixels(means: NDArray, origin: NDArray, camera: Camera) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Row and column, depth, and whether a camera sees a place at all; (n,) each."""
+def pixels_of(means: NDArray, origin: NDArray, camera: Camera) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Row and column, depth, and whether a camera sees a place at all; (n,) each, of means (n, 3)."""
     projection = (camera.K @ camera.rotation).astype(np.float32)
     offset = (origin - camera.centre).astype(np.float32)
     x, y, z = ((means + offset) @ projection.T).T

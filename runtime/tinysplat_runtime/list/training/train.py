@@ -3,6 +3,7 @@
 Every step draws a photo, small at first, as 3DGS defines, takes the gradient of what it lacks, and moves, turns,
 scales, fades and colours all Gaussians by Adam. Now and then Gaussians that show nothing go, and pixels where photos
 still lack something give new ones; later those go that photos hardly need, while the others can still make up for them.
+Where masks leave an object alone, what floats beside it, in few photos' pictures, goes all along.
 Photos may differ in exposure: each has a gain per colour. Cameras may be off by a pixel or two: of more than a few
 photos each is corrected.
 Needs numba (`tinysplat[fast]`).
@@ -35,12 +36,17 @@ from .contrast import smoothed
 from .descent import Descent, units
 from .exposed import log_gain
 from .free import FreeGaussians
+from .kept import pixels_of
 from .photos import halved
 from .places import Places
 from .settings import Budget, Settings
 
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
+
+FEWER, COVERED = 0.5, 0.9
+"""Of the photos that the median Gaussian is in, the share below which few have one in their pictures; and opacity from
+which on others cover a pixel."""
 
 
 @dataclass
@@ -49,6 +55,7 @@ class TrainStats:
 
     Attributes:
         given, asked, kept: Gaussians of the capture, how many there may be for its detail, and at the end.
+        floating: floaters that were left out, see `_Training`.
         steps, planned: how many were taken, and how many there would have been with more seconds.
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
         psnr: dB of each photo at the end, as it was exposed.
@@ -57,6 +64,7 @@ class TrainStats:
     given: int = 0
     asked: int = 0
     kept: int = 0
+    floating: int = 0
     steps: int = 0
     planned: int = 0
     rounds: list[list[float]] = field(default_factory=list)
@@ -82,7 +90,8 @@ class TrainStats:
         """In a line."""
         found = f"{self.given:,} Gaussians made {self.kept:,} in {self.steps} steps"
         bound = f" of {self.planned}, as there were no more seconds" if self.is_cut_short else ""
-        return f"{found}{bound}: {np.mean(self.psnr):.1f} dB at the pictures they were corrected by"
+        floating = f", without {self.floating:,} floaters" if self.floating else ""
+        return f"{found}{bound}: {np.mean(self.psnr):.1f} dB at the pictures they were corrected by{floating}"
 
 
 def trained(
@@ -236,6 +245,8 @@ class _Training:
     def _look(self, way: float) -> None:
         """Drop what shows nothing; see how photos were exposed, and add what is wanting."""
         self._drop()
+        if any(target.nothing is not None for target in self._sizes[1]):
+            self._clear()
         settings, field = self._settings, self._descent.field
         if way > settings.grown + 1e-9:
             self._spare()
@@ -248,6 +259,27 @@ class _Training:
             return
         new = start.further(self._capture, wrong, lacking, settings, self._rng)
         self._descent.add(self._field(new.changed(**joined([gaussians, new]))))
+
+    def _clear(self) -> None:
+        """Drop floaters: what few photos have in their pictures, and others cover in each of these.
+
+        Photos of an object that masks leave alone look at the same place. What few of them have before or behind the
+        object corrects these few, and stands about in pictures from elsewhere.
+        """
+        gaussians = self._descent.field.gaussians()
+        cameras = [self._camera(view, 2) for view in range(len(self._gains))]
+        places = [pixels_of(gaussians.means, gaussians.origin, camera) for camera in cameras]
+        count = np.sum([inside for *_, inside in places], axis=0)
+        few = (count > 0) & (count < FEWER * np.median(count))
+        if not few.any():
+            return
+        draw = Renderer(gaussians.taken(~few), self._threads, **DEFINITION).render
+        for camera, (row, column, _, inside) in zip(cameras, places, strict=True):
+            own = np.flatnonzero(few & inside)
+            if own.size:
+                few[own] = draw(camera, outputs=("alpha",))["alpha"][row[own], column[own]] >= COVERED
+        self._stats.floating += int(few.sum())
+        self._descent.keep(~few)
 
     def _seen(self, gaussians: Gaussians) -> NDArray:
         """Draw every photo once, to see how each was exposed.
