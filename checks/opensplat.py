@@ -6,8 +6,9 @@ OPENSPLAT is the program of your own build (AGPL-3.0; nothing of it is here), SC
 It trains on the CPU from 24 photos of 256×256, their cameras, and corners that three of them agree on. As shipped,
 its schedule is one of 30,000 steps, and a short run never gets to detail; here it is fitted to the steps: photos of 64
 and 128 pixels for a fifth of them each, more Gaussians at two, three and four tenths, one degree of colour more every
-quarter. What it has written is drawn at the photos left out as 3DGS defines, by our renderer. Rows come as `walk` of
-the way `OpenSplat`, which the tables of captures know; seconds are its process's, user and system.
+quarter (not with `--shipped`). What it has written is drawn at the photos left out as 3DGS defines, by our renderer.
+Rows come as `walk` of the way `OpenSplat`, which the tables of captures know; seconds are its process's, user and
+system.
 """
 
 from __future__ import annotations
@@ -66,17 +67,17 @@ def write_project(folder: Path, scene: ts.Scene) -> None:
     (folder / "transforms.json").write_text(json.dumps(document))
 
 
-def trained(program: Path, project: Path, steps: int) -> tuple[ts.Gaussians, float, int]:
+def trained(program: Path, project: Path, steps: int, shipped: bool) -> tuple[ts.Gaussians, float, int]:
     """What it makes of a project: Gaussians, processor seconds, and the bytes of its `.ply`."""
     made, tenth = project / f"{steps}.ply", str(steps // 10)
-    schedule = {
-        "num-iters": str(steps),
+    fitted = {
         "num-downscales": "2",
         "resolution-schedule": str(steps // 5),
         "sh-degree-interval": str(steps // 4),
         "warmup-length": tenth,
         "refine-every": tenth,
     }
+    schedule = {"num-iters": str(steps)} | ({} if shipped else fitted)
     options = [word for name, value in schedule.items() for word in (f"--{name}", value)]
     command = [program, project, "--output", made, "--cpu", "--keep-crs", *options]
     _, cpu = cpu_of(lambda: subprocess.run([*map(str, command)], check=True, stdout=subprocess.DEVNULL))
@@ -89,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("program", type=Path, metavar="OPENSPLAT")
     parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE")
     parser.add_argument("--steps", default="1000", help="numbers of steps, with commas between")
+    parser.add_argument("--shipped", action="store_true", help="keep its own schedule but for the number of steps")
     parser.add_argument("--version", required=True, help="of OPENSPLAT, and what was mended in it; goes into the rows")
     parser.add_argument("--out", type=Path, required=True, metavar="ROWS")
     given = parser.parse_args(arguments)
@@ -98,10 +100,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as folder:
             write_project(Path(folder), scene)
             for steps in map(int, given.steps.split(",")):
-                gaussians, cpu, size = trained(given.program, Path(folder), steps)
+                gaussians, cpu, size = trained(given.program, Path(folder), steps, given.shipped)
                 draw = Renderer(gaussians, **DEFINITION).render
                 figures = to_photos(map(draw, capture.targets.cameras), capture.targets)
                 setting = {"photos": len(scene.frames), "asked": str(COMPARED), "steps": steps, "by": given.version}
+                setting |= {"schedule": "shipped"} if given.shipped else {}
                 counts = {"gaussians": gaussians.count, "bytes": size}
                 row = Row(STUDY, path.name, TRAINER, setting, {**figures, **counts}, {"cpu": cpu})
                 line = json.dumps(row.to_json(), ensure_ascii=False)
