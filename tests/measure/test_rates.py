@@ -18,7 +18,8 @@ def test_bytes_of_other_formats_are_those_at_as_many_decibels(tmp_path: Path) ->
     rows += [file("SPZ", 80, 200, 29), file("SPZ", 150, 400, 31)]  # 283 KB at 30 dB, none at 40
     words = RATES.tables["rates in words"](rows)
     assert "SPZ takes 2.8" in words
-    assert RATES.plots[STUDY](tmp_path / "rates.png", rows)
-    assert (tmp_path / "rates.png").is_file()
+    for name, plotted in {STUDY: True, "rates seconds": False}.items():  # no row has steps
+        assert RATES.plots[name](tmp_path / f"{name}.png", rows) is plotted
+        assert (tmp_path / f"{name}.png").is_file() is plotted
     table = RATES.tables[STUDY](rows)
     assert table.count("\n") == 3 and "200" in table and "40.00" in table

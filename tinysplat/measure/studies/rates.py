@@ -1,7 +1,8 @@
-"""How many decibels do lists of captures have for how many bytes, and the same lists in other formats?
+"""How many decibels does a capture's file have, for how many bytes and how many seconds?
 
-Every fourth photo is left out, and drawn from the file that `encode` makes of up to 24 others for a given size, which
-trains a list of its own. The lists are also written as SPZ and SOG.
+Every fourth photo is left out, and drawn from the file that `encode` makes of up to 24 others: for a given size, which
+trains a list of its own (also written as SPZ and SOG), and for a given number of steps. Beside them stand planes of the
+network (`--fast`), for a size and as they come, and what OpenSplat makes of the same photos (`checks/opensplat.py`).
 """
 
 from __future__ import annotations
@@ -26,17 +27,21 @@ from tinysplat_runtime.scene.scenes import Scene
 from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
 from ..rows import Row, grouped, of_study
-from ..show.plots import Panel, Points, save_panels
+from ..show.plots import Panel, save_panels
 from ..show.tables import ABSENT, Cell, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture
+from .walking import TRAINER
 
 STUDY = "rates"
-LISTS, OTHERS = ".tsplat", ("SPZ", "SOG")
+LISTS, PLANES, OTHERS = "list", "planes", ("SPZ", "SOG")
 
 PHOTOS = 24
-SIZES, QUICK_SIZES = (40, 80, 150, 300), (40,)
-"""KB of files of lists."""
+SIZES, QUICK_SIZES = (40, 80, 150, 300, 600), (40,)
+"""KB of files."""
+
+STEPS, QUICK_STEPS = (100, 300, 1000), (30,)
+"""Of training."""
 
 
 def rate_rows(run: Run) -> Iterator[Row]:
@@ -46,21 +51,30 @@ def rate_rows(run: Run) -> Iterator[Row]:
         capture = Capture.of(scene).resized(run.size, run.size)
         given = replace(capture.given(PHOTOS), near=None, far=None)
 
-        def row(way: str, size: int, drawn: Gaussians, count: int, cpu: float | None = None) -> Row:
+        def row(way: str, asked: dict[str, int], drawn: Gaussians, count: int, cpu: float | None = None) -> Row:
             figures = to_photos(as_photos(drawn, capture.targets.cameras, run.threads), capture.targets)
-            setting, counts = {"photos": len(given.frames), "size": size}, {"bytes": count, "gaussians": drawn.count}
+            setting, counts = {"photos": len(given.frames), **asked}, {"bytes": count, "gaussians": drawn.count}
             return Row(STUDY, name, way, setting, {**figures, **counts}, {} if cpu is None else {"cpu": cpu})
 
+        def made(way: str, asked: dict[str, int], **options: Any) -> tuple[Row, Gaussians]:
+            request = EncodeRequest(given, model=run.model, fast=way == PLANES, **options)
+            file, cpu = cpu_of(partial(encode, request, run.runtime, keep=True))
+            assert file.gaussians is not None
+            return row(way, asked, run.runtime.decompress(file.data), len(file.data), cpu), file.gaussians
+
         for size in QUICK_SIZES if run.quick else SIZES:
-            request = EncodeRequest(given, model=run.model, target_size=1000 * size)
-            made, cpu = cpu_of(partial(encode, request, run.runtime, keep=True))
-            assert made.gaussians is not None
-            yield row(LISTS, size, run.runtime.decompress(made.data), len(made.data), cpu)
+            asked = {"size": size}
+            listed, gaussians = made(LISTS, asked, target_size=1000 * size)
+            yield listed
             for other in OTHERS:
                 with tempfile.TemporaryDirectory() as folder:
-                    save_gaussians(file := Path(folder) / f"list.{other.lower()}", made.gaussians)
-                    again = replace(load_gaussians(file), viewpoints=made.gaussians.viewpoints)
-                    yield row(other, size, again, file.stat().st_size)
+                    save_gaussians(file := Path(folder) / f"list.{other.lower()}", gaussians)
+                    again = replace(load_gaussians(file), viewpoints=gaussians.viewpoints)
+                    yield row(other, asked, again, file.stat().st_size)
+            yield made(PLANES, asked, target_size=1000 * size)[0]
+        yield made(PLANES, {"steps": 0})[0]
+        for steps in QUICK_STEPS if run.quick else STEPS:
+            yield made(LISTS, {"steps": steps}, train=steps)[0]
 
     return run.of_scenes(of_scene)
 
@@ -68,21 +82,26 @@ def rate_rows(run: Run) -> Iterator[Row]:
 # ---- shown --------------------------------------------------------------------------------------------------------
 
 
-def plot_rates(path: Path, rows: Sequence[Row]) -> bool:
-    """Decibels and SSIM by KB, the means over all scenes."""
-    rows = of_study(rows, STUDY)
-    if not rows:
-        return False
+def _plotted(asked: str, label: str, ways: Sequence[str], at: Callable[[Row], float]) -> Callable[..., bool]:
+    """Draws decibels and SSIM by what a file takes, the means over all scenes of what was asked for."""
 
-    def points(way: str, up: str) -> Points:
-        sizes = grouped((row for row in rows if row.way == way), "size").values()
-        pairs = [[(row.figures["bytes"] / 1000, row.figures[up]) for row in part] for part in sizes]
-        return [(statistics.fmean(x for x, _ in part), statistics.fmean(y for _, y in part)) for part in pairs]
+    def plot(path: Path, rows: Sequence[Row]) -> bool:
+        rows = [row for row in rows if asked in row.setting and row.way in ways]
 
-    ways = [way for way in (LISTS, *OTHERS) if any(row.way == way for row in rows)]
-    labels = {"fitted": "dB at photos left out", "fitted_ssim": "SSIM"}
-    save_panels(path, [Panel(name, "KB", name, {way: points(way, up) for way in ways}) for up, name in labels.items()])
-    return True
+        def points(way: str, up: str) -> list[tuple[float, float]]:
+            parts = grouped([row for row in rows if row.way == way], asked).values()
+            return sorted(
+                (statistics.fmean(map(at, part)), statistics.fmean(row.figures[up] for row in part)) for part in parts
+            )
+
+        def panel(up: str, name: str) -> Panel:
+            return Panel(name, label, name, {way: found for way in ways if (found := points(way, up))})
+
+        if rows:
+            save_panels(path, [panel("fitted", "dB at photos left out"), panel("fitted_ssim", "SSIM")])
+        return bool(rows)
+
+    return plot
 
 
 def _as(way: str, write: Callable[[Any], str], name: str) -> Cell:
@@ -109,6 +128,12 @@ def _times(way: str) -> Callable[[Sequence[Row]], str]:
     return cell
 
 
+def _way(rows: Sequence[Row]) -> str:
+    """A way, and how long it trained."""
+    steps = rows[0].setting["steps"]
+    return f"{rows[0].way}, {steps:,} steps" if steps else "planes (`--fast`)"
+
+
 def _in_words(rows: Sequence[Row]) -> str:
     """Other formats' bytes for as many dB."""
     rows = of_study(rows, STUDY)
@@ -131,10 +156,29 @@ RATES = Study(
                 "SPZ, dB": _as("SPZ", decibels, "fitted"),
                 "as SOG, KB": _as("SOG", kilobytes, "bytes"),
                 "SOG, dB": _as("SOG", decibels, "fitted"),
+                "planes, KB": _as(PLANES, kilobytes, "bytes"),
+                "planes, dB": _as(PLANES, decibels, "fitted"),
             },
             by=("size",),
+            wanted=lambda row: "size" in row.setting,
+        ),
+        f"{STUDY} seconds": Listing(
+            STUDY,
+            {
+                "": _way,
+                "CPU s": mean("cpu", digits(0), "costs"),
+                "dB at photos left out": mean("fitted", decibels),
+                "worst": mean("fitted_worst", decibels),
+                "SSIM": mean("fitted_ssim", digits(3)),
+                "KB": mean("bytes", kilobytes),
+            },
+            by=("way", "steps"),
+            wanted=lambda row: "steps" in row.setting,
         ),
         f"{STUDY} in words": _in_words,
     },
-    {STUDY: plot_rates},
+    {
+        STUDY: _plotted("size", "KB", (LISTS, *OTHERS, PLANES), lambda row: row.figures["bytes"] / 1000),
+        f"{STUDY} seconds": _plotted("steps", "CPU s", (LISTS, PLANES, TRAINER), lambda row: row.costs["cpu"]),
+    },
 )

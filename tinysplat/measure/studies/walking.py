@@ -4,9 +4,9 @@ Ways: `network alone`, so many of the others spread over the capture in one scen
 `walk`, the same once all photos agree on depth, as `encode --fast` codes it; of 24 photos `list`, as `encode` makes it;
 the latter two where numba is installed. `own pair` is, for every picture, a scene of the two photos taken nearest to
 it, and `nearest photo` that one itself, shown in its place. A walk is coded, and its pictures are drawn from the file
-too; of 24 photos it is also coded more and less finely. With `--drawn`, pictures are drawn and judged at another size
-than photos are given at: that of a screen, for instance. Of 24 photos a path is drawn through their cameras: flicker is
-the largest change between frames, in medians of the changes about it.
+too. With `--drawn`, pictures are drawn and judged at another size than photos are given at: that of a screen, for
+instance. Of 24 photos a path is drawn through their cameras: flicker is the largest change between frames, in medians
+of the changes about it.
 
 `walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
 """
@@ -17,7 +17,6 @@ import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 
@@ -34,8 +33,7 @@ from tinysplat_runtime.scene.scenes import Scene
 
 from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
-from ..rows import Row, grouped, of_study
-from ..show.plots import Panel, save_panels
+from ..rows import Row
 from ..show.tables import Cell, Listing, Write, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
@@ -48,9 +46,6 @@ TRAINER = "OpenSplat"
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
-
-QPS = (-6, 6, 12)
-"""Q_g of further files, beside 0."""
 
 PATH_FRAMES_A_VIEW, ABOUT = 6, 4
 """Of the path for flicker: frames from photo to photo, and changes on either side that one is held against."""
@@ -107,9 +102,6 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             yield replace(done, figures={**done.figures, **swing})
         if is_compared:
             yield Row(SPARED, name, "file", {"photos": photos, "model": model}, _spared(capture, data))
-            for qp in QPS:
-                known = replace(known, way=f"{way}, Q_g {qp}")
-                yield coded(known, gaussians, qp)[0]
 
     rows: dict[int, list[Row]] = {}  # of small captures several counts are all photos
     for asked in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
@@ -215,35 +207,7 @@ _STEPS = {ALONE: "the network", STUDY: "and photos agree on depth", LISTED: "and
 
 
 def _is_step(row: Row) -> bool:
-    return row.setting["asked"] == str(COMPARED) and row.way.startswith((*_STEPS, f"{STUDY}, "))
-
-
-def _step(rows: Sequence[Row]) -> str:
-    way, _, qp = rows[0].way.partition(", ")
-    return f"the same at {qp}" if qp else _STEPS[way]
-
-
-def plot_steps(path: Path, rows: Sequence[Row]) -> bool:
-    """dB at photos left out over the seconds of each step, and over the bytes of files of several qualities."""
-    ways = {way: group for (way,), group in grouped(list(filter(_is_step, of_study(rows, STUDY))), "way").items()}
-    if not {LISTED, STUDY} <= set(ways):
-        return False
-    steps, qualities, listed = [], [], []
-    for way, group in ways.items():
-        level, size = (statistics.fmean(row.figures[name] for row in group) for name in ("coded", "bytes"))
-        cpu = statistics.fmean(row.costs["cpu"] for row in group)
-        if way == LISTED:
-            listed = [(cpu, level), (size / 1000, level)]
-        elif way in _STEPS:
-            steps.append((cpu, level))
-        if way.startswith(STUDY):
-            qualities.append((size / 1000, level))
-    label, one = "dB at photos left out", "one list, trained"
-    by_cpu = {"network, depth": sorted(steps), one: listed[:1]}
-    by_size = {"planes": sorted(qualities), one: listed[1:]}
-    panels = [Panel("each step", "processor seconds", label, by_cpu), Panel("each file", "KB", label, by_size)]
-    save_panels(path, panels)
-    return True
+    return row.setting["asked"] == str(COMPARED) and row.way in _STEPS
 
 
 WALK = Study(
@@ -259,7 +223,7 @@ WALK = Study(
         f"{STUDY} steps": Listing(
             STUDY,
             {
-                "": _step,
+                "": lambda rows: _STEPS[rows[0].way],
                 "CPU s": mean("cpu", digits(1), "costs"),
                 "coding": mean("coding", digits(1), "costs"),
                 "decoding": mean("decoding", digits(2), "costs"),
@@ -301,5 +265,4 @@ WALK = Study(
             wanted=lambda row: row.way in (*_IN_SHORT, TRAINER) and row.setting["asked"] == str(COMPARED),
         ),
     },
-    {f"{STUDY} steps": plot_steps},
 )
