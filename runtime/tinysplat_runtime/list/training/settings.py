@@ -29,6 +29,8 @@ class Settings:
         detail, overlap: how many Gaussians there may be, over the sum of the root of contrast over the surface's
             pixels; more where more than `overlap` photos show each, by the root of how many, as they tell finer detail,
             and by the same fewer where fewer do of few photos, which are soon overfitted.
+        told: Gaussians per pixel of the photos that these can tell apart; there are no more, whatever their detail.
+        crowded: how many times as many their detail has to ask for until each is to look different from every side.
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.
