@@ -1,8 +1,8 @@
 """Pictures of the pages: the command that makes each, and which of them are older than what they show.
 
     python checks/pictures.py                                # all, with their commands (`make pictures`)
-    python checks/pictures.py docs/steps.png                 # makes one anew, and records what it shows
-    python checks/pictures.py --record docs/steps.png        # records one that its command has made elsewhere
+    python checks/pictures.py docs/rates.png                 # makes one anew, and records what it shows
+    python checks/pictures.py --record docs/rates.png        # records one that its command has made elsewhere
 
 A picture is older where files that it shows have other contents than when it was recorded (docs/pictures.json).
 """
@@ -90,10 +90,10 @@ PICTURES = {
         ["benchmarks/reports/2026-11-30/rates.jsonl"],
         "SCENES: the captures of docs/MEASURING.md",
     ),
-    "docs/steps.png": MadePicture(
-        "tinysplat bench walk SCENES --views 24 && cp bench_report/plots/walk_steps.png docs/steps.png",
-        ["benchmarks/reports/2026-11-29/steps.jsonl"],
-        "SCENES: the six captures of docs/MEASURING.md",
+    "docs/seconds.png": MadePicture(
+        "tinysplat bench rates SCENES && cp bench_report/plots/rates_seconds.png docs/seconds.png",
+        ["benchmarks/reports/2026-11-30/rates.jsonl"],
+        "SCENES: the captures of docs/MEASURING.md",
     ),
 }
 
