@@ -5,8 +5,6 @@ A block is looked at alone. What would hide some of it, or stand behind it, is t
 than is, which keeps more.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ from all of it; in a place, which was seen from within, they are near some of it
 by as much. What rounding shows goes with these sizes too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ Some views decide what is left out; others, beside them, whether what is left is
 that costs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Which Gaussians of a list a file keeps: those that a renderer shows, and not so far out that others would suffer."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ by all that they depend on. What is coded is decoded again at once, since the or
 decoder will see. Colours come last, so that they can make up for what all else lost.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Colours of a list as few numbers each: principal components of their SH coefficients, one basis for all tiers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

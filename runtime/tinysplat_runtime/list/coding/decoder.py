@@ -1,7 +1,5 @@
 """A file of mode list to Gaussians: docs/FORMAT.md, section 4, "Lists"."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

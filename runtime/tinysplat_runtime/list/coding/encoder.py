@@ -4,8 +4,6 @@ Tiers (`levels`) are coded one after the other, with one grid, one set of gains 
 Positions go to a grid and into an octree, which sorts all else along a Morton curve; `channels` codes it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

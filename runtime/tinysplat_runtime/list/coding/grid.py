@@ -1,7 +1,5 @@
 """Where Gaussians of a list can lie: a grid in the scene's bulk, and on logarithms beyond."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ is put into one of four streams by how many parts its parent has, as lone parts 
 the streams.
 """
 
-from __future__ import annotations
-
 import lzma
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Lists of numbers as pictures: tiles that a Z-curve goes through, so that neighbours stay neighbours."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

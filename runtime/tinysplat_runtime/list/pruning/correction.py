@@ -3,8 +3,6 @@
 `list.training.free` gives the gradient of a picture's error (L1), which Adam follows, a view at a time.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

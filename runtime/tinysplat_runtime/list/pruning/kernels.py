@@ -9,8 +9,6 @@ A tile is blended as for a picture, and its state is walked again front to back;
 place of its own for its sums (`kernels_list.list_by_tile`), so that results do not depend on threads.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Merging pairs until few are left is NanoGS' idea. Here removal says which Gaussians stay, and only what goes is merged.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

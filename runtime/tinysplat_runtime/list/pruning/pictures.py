@@ -1,7 +1,5 @@
 """Gaussians drawn from many views, with what each of them does to the pictures (`kernels`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 

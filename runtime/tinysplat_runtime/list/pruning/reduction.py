@@ -1,7 +1,5 @@
 """Scenes for any format with fewer Gaussians: a share of them, a number, or as few as a quality bears."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

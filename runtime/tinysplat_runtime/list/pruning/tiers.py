@@ -1,7 +1,5 @@
 """Which Gaussians a file's prefix shows: those that pictures need most when all others are gone."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """How much a photo shows where, which tells how many Gaussians it asks for."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Steps down the gradient of pictures, a picture at a time, for Gaussians of a list."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How a photo was exposed beside a picture of what it shows: from how all their pixels differ."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

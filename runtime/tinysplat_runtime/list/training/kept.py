@@ -9,8 +9,6 @@ look past them got wrong. So a Gaussian goes
 Coarse layers, which close holes between surfaces, stay faint where no surface is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Steps down a gradient, as compiled code."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ haste. The chain from sums to values needs no derivative of a covariance: in whi
 direction that colours of SH degree 1 and up are seen from is left out.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Trust boundary: values have to be numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

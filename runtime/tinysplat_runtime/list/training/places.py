@@ -4,8 +4,6 @@ A camera that moves one way shows what Gaussians that move the other way do. So 
 Steps are in pixels at the middle depth. Their mean stays zero, so that the scene stays where the cameras have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -9,8 +9,6 @@ photos each is corrected.
 Needs numba (`tinysplat[fast]`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
