@@ -18,7 +18,6 @@ STUDIES = {
     "walk": "walking.WALK",
     "gate": "gate.GATE",
     "rates": "rates.RATES",
-    "corners": "corners.CORNERS",
     "poses": "placing.PLACING",
 }
 """By name, where it stands in this package; docs/MEASURING.md says what it asks."""

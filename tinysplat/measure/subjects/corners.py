@@ -1,4 +1,4 @@
-"""Corners that three photos of a capture agree on, and how far Gaussians' depths are from theirs.
+"""Corners that three photos of a capture agree on.
 
 `scene.matches` finds corners that look alike in two photos and lie where the cameras allow. One that a photo shares
 with two others at nearly one depth has a depth that needs no measured one to be right: the one that puts it nearest to
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.scene.cameras import Camera
 from tinysplat_runtime.scene.matches import corners, depths_of, matched
 from tinysplat_runtime.scene.neighbours import nearest_places, view_places
@@ -33,19 +32,10 @@ class AgreedCorners:
     Attributes:
         places: (N, 2) pixels, x first.
         inverse: (N,) inverse depth, per scene unit.
-        seen: (N, P, 2) pixels where partners show them; NaN where one does not.
-        at, by: (N, P, 3) each: a corner of inverse depth w lies in a partner at at + w · by, homogeneous pixels.
     """
 
     places: NDArray
     inverse: NDArray
-    seen: NDArray
-    at: NDArray
-    by: NDArray
-
-    def off(self, inverse: NDArray) -> NDArray:
-        """(N, P) pixels that they lie off in partners if their inverse depths (N,) are these; NaN where not seen."""
-        return np.linalg.norm(_projected(self.at, self.by, inverse)[0] - self.seen, axis=-1)
 
 
 def agreed_corners(scene: Scene) -> list[AgreedCorners]:
@@ -82,28 +72,10 @@ def _of_photo(own: int, partners: Sequence[int], found: Sequence, cameras: Seque
         slope = np.where(np.isnan(seen), 0, (by[..., :2] - shown * by[..., 2:]) / z)
         inverse = inverse - (slope * rest).sum(axis=(1, 2)) / ((slope * slope).sum(axis=(1, 2)) + 1e-12)
     ahead = inverse > 0
-    return AgreedCorners(*(array[ahead] for array in (places, inverse, seen, at, by)))
+    return AgreedCorners(places[ahead], inverse[ahead])
 
 
 def _projected(at: NDArray, by: NDArray, inverse: NDArray) -> tuple[NDArray, NDArray]:
     """(N, P, 2) pixels and (N, P, 1) their divisor."""
     point = at + inverse[:, None, None] * by
     return point[..., :2] / point[..., 2:], point[..., 2:]
-
-
-def corner_errors(agreed: Sequence[AgreedCorners], gaussians: Gaussians) -> tuple[NDArray, NDArray]:
-    """How far a capture's Gaussians (V, H, W) are from the corners of its photos.
-
-    Returns:
-        Of every corner |depth's error| as a share of its depth, and of every place where a partner shows one how many
-        pixels it lies off there by the depth of the Gaussian of its pixel.
-    """
-    errors, off = [], []
-    for view, (of_photo, camera) in enumerate(zip(agreed, gaussians.cameras, strict=True)):
-        column, row = of_photo.places.astype(int).T
-        means = gaussians.means[view, row, column] + gaussians.origin
-        inverse = 1 / ((means - camera.centre) @ camera.rotation[2])
-        errors.append(np.abs(of_photo.inverse / inverse - 1))
-        apart = of_photo.off(inverse)
-        off.append(apart[~np.isnan(apart)])
-    return np.concatenate(errors), np.concatenate(off)
