@@ -8,10 +8,8 @@ too. With `--drawn`, pictures are drawn and judged at another size than photos a
 instance. Of 24 photos a path is drawn through their cameras: flicker is the largest change between frames, in medians
 of the changes about it.
 
-`walk steps` says of each step the processor seconds that it takes, and `walk spared` what a scene could do without.
+`walk steps` says of each step the processor seconds that it takes.
 """
-
-from __future__ import annotations
 
 import statistics
 from collections.abc import Iterator, Sequence
@@ -20,11 +18,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from tinysplat_runtime.api import inspect
 from tinysplat_runtime.gaussian.gaussians import Gaussians
 from tinysplat_runtime.list.training import FEW_PHOTOS
 from tinysplat_runtime.recipe.kinds import LIST, LIST_QP, TRAIN
-from tinysplat_runtime.recipe.prepare import prepared
 from tinysplat_runtime.recipe.request import EncodeRequest
 from tinysplat_runtime.recipe.steps import Run as Recipe
 from tinysplat_runtime.render import Renderer, between
@@ -38,7 +34,7 @@ from ..show.tables import Cell, Listing, Write, decibels, digits, kilobytes, mea
 from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
 
-STUDY, SPARED = "walk", "walk spared"
+STUDY = "walk"
 ALONE, LISTED = "network alone", "list"
 TRAINER = "OpenSplat"
 """The way of rows by `checks/opensplat.py`, which trains on the same photos."""
@@ -74,15 +70,15 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         pictures, cpu = cpu_of(lambda: as_photos(gaussians, cameras, run.threads))
         return to_photos(pictures, capture.targets), cpu / len(cameras)
 
-    def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> tuple[Row, bytes]:
-        """A way with what its file is like, and the file; training has left out what a list does without."""
+    def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> Row:
+        """A way with what its file is like; training has left out what a list does without."""
         keep = known.way == LISTED
         data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True, keep_all=keep))
         decoded, decoding = cpu_of(lambda: runtime.decompress(data))
         pictures, drawing = drawn(decoded)
         figures = {**known.figures, "bytes": len(data), **{_coded(name): value for name, value in pictures.items()}}
         costs = {**known.costs, "coding": coding, "decoding": decoding, "drawing": drawing}
-        return replace(known, figures=figures, costs=costs), data
+        return replace(known, figures=figures, costs=costs)
 
     def walked(given: Scene, asked: int) -> Iterator[Row]:
         """Rows of the network's Gaussians and of every step after it."""
@@ -97,11 +93,9 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             steps.insert(0, (LISTED, listed, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
-            done, data = coded(known, gaussians, LIST_QP if way == LISTED else None)
+            done = coded(known, gaussians, LIST_QP if way == LISTED else None)
             swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way not in (ALONE, LISTED) else {}
             yield replace(done, figures={**done.figures, **swing})
-        if is_compared:
-            yield Row(SPARED, name, "file", {"photos": photos, "model": model}, _spared(capture, data))
 
     rows: dict[int, list[Row]] = {}  # of small captures several counts are all photos
     for asked in run.options.views or (QUICK_COUNTS if run.quick else COUNTS):
@@ -109,7 +103,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         if asked == COMPARED or len(given.frames) not in rows:
             rows[len(given.frames)] = list(walked(given, asked))
         for known in rows[len(given.frames)]:
-            yield known if known.study == SPARED else replace(known, setting={**known.setting, "asked": str(asked)})
+            yield replace(known, setting={**known.setting, "asked": str(asked)})
     given = found_for(capture.given(COMPARED))
     near, far = given.depth_range()
     nearest = [nearest_views(given.cameras, camera, 2 / (1 / near + 1 / far), 2) for camera in cameras]
@@ -120,22 +114,6 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
     yield row("own pair", 2, COMPARED, to_photos(pairs, capture.targets))
     shown = (given.views(pair[:1]).resized(*drawn_at(run)).frames[0].image() for pair in nearest)
     yield row("nearest photo", 1, COMPARED, to_photos(shown, capture.targets))
-
-
-def _spared(capture: Capture, data: bytes) -> dict[str, float]:
-    """What a capture does without: photos, planes, colours, and Gaussians behind the surfaces."""
-    file = inspect(data)
-    first, *behind = file["layers"]
-    constant = sum(plane["coding"] == "constant" for plane in file["planes"])
-    return {
-        "photos": len(capture.others.frames),
-        "photos_taken": len(prepared(EncodeRequest(capture.others, size="full")).frames),
-        "planes": len(file["planes"]),
-        "planes_coded": len(file["planes"]) - constant,
-        "colours": 3 * (first["sh_degree"] + 1) ** 2,
-        "colours_coded": first["k"],
-        "behind": sum(layer["gaussians"] for layer in behind) / first["gaussians"],
-    }
 
 
 def flicker(gaussians: Gaussians, threads: int) -> float:
@@ -235,19 +213,6 @@ WALK = Study(
             },
             by=("way",),
             wanted=_is_step,
-        ),
-        SPARED: Listing(
-            SPARED,
-            {
-                "scene": said("subject"),
-                "photos": mean("photos", digits(0)),
-                "taken": mean("photos_taken", digits(0)),
-                "planes": mean("planes", digits(0)),
-                "coded": mean("planes_coded", digits(0)),
-                "colours": mean("colours", digits(0)),
-                "kept": mean("colours_coded", digits(0)),
-                "behind": mean("behind", lambda share: f"{share:.0%}"),
-            },
         ),
         f"{STUDY} scenes": Listing(
             STUDY,
