@@ -204,3 +204,13 @@ def test_before_anything_is_done_nothing_is_announced() -> None:
     assert course.left is None
     course.begin("depth of photos", 12)
     assert course.left is None
+
+
+def test_a_stage_that_is_hardly_anything_of_a_run_does_not_tell_how_long_it_takes() -> None:
+    now = 0.0
+    course = Course(lambda: now)
+    course.plan([("checking photos", 1.0), ("training", 299.0)])
+    stage = course.begin("checking photos", 4)
+    now = 9.0  # as large photos take
+    stage.next()
+    assert course.left is None

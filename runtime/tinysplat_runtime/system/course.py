@@ -10,6 +10,10 @@ from collections.abc import Callable, Iterable, Sequence
 LATEST = 5
 """Items at least that tell what the next will take, where there are so many."""
 
+LEAST_TOLD = 0.02
+"""Share of a run that stages have to be which tell what all the others take: one that is less may take many times its
+share, as reading large photos does."""
+
 
 class Stage:
     """Items of one kind, one after another, or a step without any.
@@ -134,10 +138,11 @@ class Course:
         told = self._past
         if stage.share and rest is not None:
             told = [*told, (stage.worked if stage.is_over else stage.share, stage.seconds + rest)]
-        each = sum(seconds for _, seconds in told) / sum(share for share, _ in told) if told else None
+        ahead, known = sum(share for _, share in self._ahead), sum(share for share, _ in told)
+        is_told = known > LEAST_TOLD * (known + ahead)
+        each = sum(seconds for _, seconds in told) / known if is_told else None
         if rest is None and stage.share and each is not None:
             rest = max(each * stage.share - stage.seconds, 0.0)
-        ahead = sum(share for _, share in self._ahead)
         if rest is None or (ahead and each is None):
             return None
         return rest + ahead * (each or 0.0)
