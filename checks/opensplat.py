@@ -40,10 +40,10 @@ SIDE = 256
 def corner_points(scene: ts.Scene) -> tuple[NDArray, NDArray]:
     """World places (N, 3) of corners whose depth three photos agree on, and their colours (N, 3) uint8."""
     places, colours = [], []
-    for frame, agreed in zip(scene.frames, agreed_corners(scene), strict=True):
-        rays = np.column_stack([agreed.places, np.ones(len(agreed.places))]) @ np.linalg.inv(frame.camera.K).T
-        places.append(rays / agreed.inverse[:, None] @ frame.camera.rotation + frame.camera.centre)
-        column, row = agreed.places.astype(int).T
+    for frame, (pixels, inverse) in zip(scene.frames, agreed_corners(scene), strict=True):
+        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(frame.camera.K).T
+        places.append(rays / inverse[:, None] @ frame.camera.rotation + frame.camera.centre)
+        column, row = pixels.astype(int).T
         colours.append((255 * frame.image()[row, column]).round().astype(np.uint8))
     return np.concatenate(places), np.concatenate(colours)
 

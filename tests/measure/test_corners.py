@@ -24,7 +24,7 @@ def test_corners_of_a_plane_lie_in_it(tmp_path: Path) -> None:
     (tmp_path / "cameras.json").write_text(json.dumps(scene_document(cameras)))
     for n in range(len(cameras)):
         write_png(tmp_path / "images" / f"{n:04}.png", plane[:, SHIFT * n :][:, :128])
-    agreed = agreed_corners(ts.load_scene(tmp_path))
-    inverse = np.concatenate([of_photo.inverse for of_photo in agreed])
-    assert len(agreed) == 5 and len(inverse) > 50 and np.median(np.abs(DEPTH * inverse - 1)) < 0.005
+    photos = agreed_corners(ts.load_scene(tmp_path))
+    inverse = np.concatenate([depths for _, depths in photos])
+    assert len(photos) == 5 and len(inverse) > 50 and np.median(np.abs(DEPTH * inverse - 1)) < 0.005
     assert np.mean(np.abs(DEPTH * inverse - 1) < 0.05) > 0.95

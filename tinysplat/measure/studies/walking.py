@@ -184,10 +184,6 @@ _COLUMNS = {
 _STEPS = {ALONE: "the network", STUDY: "and photos agree on depth", LISTED: "and one list of it, trained"}
 
 
-def _is_step(row: Row) -> bool:
-    return row.setting["asked"] == str(COMPARED) and row.way in _STEPS
-
-
 WALK = Study(
     "Captures",
     walk_rows,
@@ -212,7 +208,7 @@ WALK = Study(
                 "KB": mean("bytes", kilobytes),
             },
             by=("way",),
-            wanted=_is_step,
+            wanted=lambda row: row.way in _STEPS and row.setting["asked"] == str(COMPARED),
         ),
         f"{STUDY} scenes": Listing(
             STUDY,

@@ -6,7 +6,6 @@ where these photos show it (Gauss–Newton over inverse depth). They are the eas
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,28 +24,17 @@ LEAST_SEEN, ALIKE = 2, 1.3
 ROUNDS = 10
 
 
-@dataclass(frozen=True, eq=False)
-class AgreedCorners:
-    """Corners (N) of a photo.
-
-    Attributes:
-        places: (N, 2) pixels, x first.
-        inverse: (N,) inverse depth, per scene unit.
+def agreed_corners(scene: Scene) -> list[tuple[NDArray, NDArray]]:
+    """Pixels (N, 2), x first, of the corners of every photo of a scene with near and far, and their inverse depths (N,),
+    per scene unit.
     """
-
-    places: NDArray
-    inverse: NDArray
-
-
-def agreed_corners(scene: Scene) -> list[AgreedCorners]:
-    """Of every photo of a scene with near and far."""
     cameras = scene.cameras
     found = [corners(frame.image()) for frame in scene.frames]
     nearest = nearest_places(view_places(cameras, *scene.depth_range()), min(PARTNERS, len(cameras) - 1))
     return [_of_photo(i, partners.tolist(), found, cameras) for i, partners in enumerate(nearest)]
 
 
-def _of_photo(own: int, partners: Sequence[int], found: Sequence, cameras: Sequence[Camera]) -> AgreedCorners:
+def _of_photo(own: int, partners: Sequence[int], found: Sequence, cameras: Sequence[Camera]) -> tuple[NDArray, NDArray]:
     camera, places = cameras[own], found[own].places
     seen, depths = np.full((len(places), len(partners), 2), np.nan), np.full((len(places), len(partners)), np.nan)
     index = {tuple(place): n for n, place in enumerate(places)}
@@ -72,7 +60,7 @@ def _of_photo(own: int, partners: Sequence[int], found: Sequence, cameras: Seque
         slope = np.where(np.isnan(seen), 0, (by[..., :2] - shown * by[..., 2:]) / z)
         inverse = inverse - (slope * rest).sum(axis=(1, 2)) / ((slope * slope).sum(axis=(1, 2)) + 1e-12)
     ahead = inverse > 0
-    return AgreedCorners(places[ahead], inverse[ahead])
+    return places[ahead], inverse[ahead]
 
 
 def _projected(at: NDArray, by: NDArray, inverse: NDArray) -> tuple[NDArray, NDArray]:
