@@ -25,9 +25,7 @@ ROUNDS = 10
 
 
 def agreed_corners(scene: Scene) -> list[tuple[NDArray, NDArray]]:
-    """Pixels (N, 2), x first, of the corners of every photo of a scene with near and far, and their inverse depths (N,),
-    per scene unit.
-    """
+    """Pixels (N, 2), x first, of corners of every photo of a scene with near and far, and (N,) inverse depths."""
     cameras = scene.cameras
     found = [corners(frame.image()) for frame in scene.frames]
     nearest = nearest_places(view_places(cameras, *scene.depth_range()), min(PARTNERS, len(cameras) - 1))
