@@ -21,10 +21,7 @@ RECORD = ROOT / "docs" / "pictures.json"
 EXAMPLES = "python examples/demo.py --out demo_out"
 ENCODED = "python examples/demo.py --out demo_out --photos && tinysplat encode demo_out/motorcycle -o demo.tsplat"
 PAGE = ["runtime/tinysplat_runtime/page/*.html", "runtime/tinysplat_runtime/page/*.css"]
-MUG = (
-    "tinysplat encode mug/ --masks background -o whole.tsplat"
-    " && tinysplat convert whole.tsplat --crop=-0.7,-0.7,-0.9,0.7,0.3,0.9 -o mug.tsplat"
-)
+MUG = "tinysplat encode mug/ --masks background -o mug.tsplat"
 DRAWN_BY_ENGINES = "PYTHONPATH=tests python checks/engines.py demo.tsplat docs/engines.webp docs/dilated.webp"
 ENGINES = f"{ENCODED} --size 256x256 && {DRAWN_BY_ENGINES}"
 
