@@ -2,7 +2,7 @@
 
 Every fourth photo is left out, and drawn from the file that `encode` makes of up to 24 others: for a given size, which
 trains a list of its own (also written as SPZ and SOG), and for a given number of steps. Beside them stand planes of the
-network (`--fast`), for a size and as they come, and what OpenSplat makes of the same photos (`checks/opensplat.py`).
+network (`--fast`), for a size and as they come.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from ..show.plots import Panel, save_panels
 from ..show.tables import ABSENT, Cell, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture
-from .walking import TRAINER
 
 STUDY = "rates"
 LISTS, PLANES, OTHERS = "list", "planes", ("SPZ", "SOG")
@@ -179,6 +178,6 @@ RATES = Study(
     },
     {
         STUDY: _plotted("size", "KB", (LISTS, *OTHERS, PLANES), lambda row: row.figures["bytes"] / 1000),
-        f"{STUDY} seconds": _plotted("steps", "CPU s", (LISTS, PLANES, TRAINER), lambda row: row.costs["cpu"]),
+        f"{STUDY} seconds": _plotted("steps", "CPU s", (LISTS, PLANES), lambda row: row.costs["cpu"]),
     },
 )
