@@ -33,8 +33,9 @@ from tinysplat_runtime.network.predict import predict
 from tinysplat_runtime.page.story import load_story
 from tinysplat_runtime.render import render
 from tinysplat_runtime.scene.colours import of_icc, to_srgb
+from tinysplat_runtime.scene.exif import gravity, taken_with
 from tinysplat_runtime.scene.footage import open_video
-from tinysplat_runtime.scene.images import gravity, is_transparent, read_image, taken_with
+from tinysplat_runtime.scene.images import exif_of, is_transparent, read_image
 from tinysplat_runtime.scene.intake.layouts import load_cameras, load_scene
 from tinysplat_runtime.scene.masks import Mask
 
@@ -213,8 +214,9 @@ def _mask(path: Path) -> None:
 
 
 def _exif(path: Path) -> None:
-    taken_with(path)
-    if not np.isfinite(gravity(path) or 0).all():
+    said = exif_of(path)
+    taken_with(said)
+    if not np.isfinite(gravity(said) or 0).all():
         raise BrokenPromiseError("gravity that is no number")
 
 

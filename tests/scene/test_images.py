@@ -17,9 +17,8 @@ from PIL import Image, ImageCms, ImageOps
 from scenes import refusing, tells
 
 from tinysplat_runtime.errors import InputError
-from tinysplat_runtime.scene.exif import gravity as exif_gravity
-from tinysplat_runtime.scene.exif import taken_with as exif_taken_with
-from tinysplat_runtime.scene.images import MAX_PIXELS, gravity, image_size, is_turned, read_image, taken_with
+from tinysplat_runtime.scene.exif import gravity, taken_with
+from tinysplat_runtime.scene.images import MAX_PIXELS, exif_of, image_size, is_turned, read_image
 from tinysplat_runtime.scene.pictures import write_png
 from tinysplat_runtime.scene.resampling import resize_cover, scaled
 
@@ -215,9 +214,9 @@ def test_lenses_are_told_by_exif(tmp_path: Path, kind: str) -> None:
         exif[0x010F] = make.decode()
         exif.get_ifd(0x8769).update({0x920A: focal, 0xA405: round(1.5 * focal), 0xA434: "of glass"})
         read_bytes(tmp_path, encoded(Image.fromarray(photo_like(8, 8)), kind, exif=exif))
-        said.append(taken_with(tmp_path / "photo"))
+        said.append(taken_with(exif_of(tmp_path / "photo")))
     assert len(set(said)) == 3 and said[2] == said[3] == (b"Sony", None, b"of glass", 35.0, 52, None)
-    assert set(exif_taken_with(b"II*\0\10\0\0\0\xff\xff")) == {None}
+    assert set(taken_with(b"II*\0\10\0\0\0\xff\xff")) == {None}
 
 
 def apple_note(*rationals: int) -> bytes:
@@ -239,8 +238,8 @@ def test_a_phone_tells_which_way_things_fell(tmp_path: Path, kind: str) -> None:
         exif[0x010F] = "Apple"
         exif.get_ifd(0x8769)[0x927C] = note
         read_bytes(tmp_path, encoded(Image.fromarray(photo_like(64, 64)), kind, exif=exif))
-        assert gravity(tmp_path / "photo") == stated
-    assert exif_gravity(b"II*\0\10\0\0\0\xff\xff") is None
+        assert gravity(exif_of(tmp_path / "photo")) == stated
+    assert gravity(b"II*\0\10\0\0\0\xff\xff") is None
 
 
 def test_a_tiff_of_16_bits_is_rounded_and_raw_data_refused(tmp_path: Path) -> None:

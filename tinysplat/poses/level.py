@@ -23,7 +23,7 @@ def upright(
     Args:
         entries: what `model.placed_photos` says of each.
         points: (N, 3), on surfaces.
-        gravity: by name, what `images.gravity` says of photos that say it.
+        gravity: by name, what `exif.gravity` says of photos that say it.
 
     Returns:
         The photos and points in the new world, and what moved them.
@@ -43,7 +43,7 @@ def upright(
 
 
 def falling(right: float, top: float, out: float) -> NDArray | None:
-    """Which way things fall in a photo as it is seen, a unit vector of its camera, of a vector of `images.gravity`.
+    """Which way things fall in a photo as it is seen, a unit vector of its camera, of a vector of `exif.gravity`.
 
     Phones store photos such that they are seen upright: of four ways to turn one, the way in which things fall most
     downwards. None where that is not clear, or the phone was shaken.

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from tinysplat_runtime.errors import InputError, warn
-from tinysplat_runtime.scene import heic, pillow
+from tinysplat_runtime.scene import exif, heic, pillow
 from tinysplat_runtime.scene.footage import SUFFIXES as VIDEOS
-from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, gravity, image_size, taken_with
+from tinysplat_runtime.scene.images import NOT_READ, PHOTO_SUFFIXES, exif_of, image_size
 from tinysplat_runtime.scene.intake.masks import masks_of
 from tinysplat_runtime.scene.intake.photos import own_photos
 from tinysplat_runtime.scene.masks import Mask
@@ -35,7 +35,12 @@ def taken_as_photos(request: PosesRequest, found: Sequence[str], photos: Path, t
     source = Path(request.photos)
     names = _copied(source, found, photos, told)
     masks = _masks(source, names, photos) or masked_still(source, list(names), photos)
-    lenses = {copy: taken_with(source / name) for copy, name in names.items()}
+    lenses, gravity = dict[str, tuple[object, ...]](), dict[str, tuple[float, float, float]]()
+    for copy, name in names.items():
+        said = exif_of(source / name)
+        lenses[copy] = exif.taken_with(said)
+        if (stated := exif.gravity(said)) is not None:
+            gravity[copy] = stated
     if not any(said for lens in lenses.values() for said in lens):
         lenses = {}
     if (count := len(set(lenses.values()))) > 1:
@@ -48,8 +53,7 @@ def taken_as_photos(request: PosesRequest, found: Sequence[str], photos: Path, t
         warn(f"{source}: {len(used)} lenses or zooms, as the photos fit: each has a camera of its own")
     check_placement(placement)
     check_enough(names, placement)
-    stated = {copy: said for copy, name in names.items() if (said := gravity(source / name))}
-    return Taken(names, masks, placement, stated)
+    return Taken(names, masks, placement, gravity)
 
 
 def photos_at(path: Path) -> Path:

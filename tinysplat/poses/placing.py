@@ -66,7 +66,7 @@ class Taken(NamedTuple):
         names: what messages call each, by its name there.
         masks: by that name; what a photo without one shows counts everywhere.
         placement: of those that could be placed.
-        gravity: by that name, what `images.gravity` says of photos that say it.
+        gravity: by that name, what `exif.gravity` says of photos that say it.
     """
 
     names: Mapping[str, str]

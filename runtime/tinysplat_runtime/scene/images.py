@@ -137,14 +137,9 @@ def is_turned(path: StrPath) -> bool:
     return _headers(path).orientation != 1
 
 
-def taken_with(path: StrPath) -> tuple[object, ...]:
-    """What a photo's Exif says of its lens (`exif.taken_with`); errors of `image_size`."""
-    return exif.taken_with(_headers(path).exif)
-
-
-def gravity(path: StrPath) -> tuple[float, float, float] | None:
-    """Which way things fell as a phone took a photo (`exif.gravity`); errors of `image_size`."""
-    return exif.gravity(_headers(path).exif)
+def exif_of(path: StrPath) -> bytes:
+    """A photo's Exif, which `exif` reads; empty where it has none; errors of `image_size`."""
+    return _headers(path).exif
 
 
 def _headers(path: StrPath) -> _Stripped:
