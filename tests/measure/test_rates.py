@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from tinysplat.measure.rows import Row
@@ -11,6 +12,11 @@ from tinysplat.measure.studies.rates import LISTS, RATES, STUDY
 def file(way: str, size: int, kb: float, fitted: float) -> Row:
     figures = {"bytes": 1000 * kb, "fitted": fitted, "fitted_ssim": 0.9, "fitted_worst": fitted, "gaussians": 1000}
     return Row(STUDY, "room", way, {"size": size}, figures, {"cpu": 30.0})
+
+
+def test_rows_of_another_study_are_not_plotted(tmp_path: Path) -> None:
+    rows = [replace(file(LISTS, 80, 100, 30), study="gate")]
+    assert not any(plot(tmp_path / "rates.png", rows) for plot in RATES.plots.values())
 
 
 def test_bytes_of_other_formats_are_those_at_as_many_decibels(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
 from ..rows import Row, grouped, of_study
 from ..show.plots import Panel, save_panels
-from ..show.tables import ABSENT, Cell, Listing, decibels, digits, kilobytes, mean, said
+from ..show.tables import ABSENT, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture
 
@@ -85,7 +85,7 @@ def _plotted(asked: str, label: str, ways: Sequence[str], at: Callable[[Row], fl
     """Draws decibels and SSIM by what a file takes, the means over all scenes of what was asked for."""
 
     def plot(path: Path, rows: Sequence[Row]) -> bool:
-        rows = [row for row in rows if asked in row.setting and row.way in ways]
+        rows = [row for row in of_study(rows, STUDY) if asked in row.setting and row.way in ways]
 
         def points(way: str, up: str) -> list[tuple[float, float]]:
             parts = grouped([row for row in rows if row.way == way], asked).values()
@@ -101,11 +101,6 @@ def _plotted(asked: str, label: str, ways: Sequence[str], at: Callable[[Row], fl
         return bool(rows)
 
     return plot
-
-
-def _as(way: str, write: Callable[[Any], str], name: str) -> Cell:
-    """Mean of a figure over a way's rows."""
-    return lambda rows: mean(name, write)([row for row in rows if row.way == way])
 
 
 def _times(way: str) -> Callable[[Sequence[Row]], str]:
@@ -147,16 +142,16 @@ RATES = Study(
             STUDY,
             {
                 "asked for, KB": said("size"),
-                "KB": _as(LISTS, kilobytes, "bytes"),
-                "dB at photos left out": _as(LISTS, decibels, "fitted"),
-                "SSIM": _as(LISTS, digits(3), "fitted_ssim"),
-                "Gaussians": _as(LISTS, "{:,.0f}".format, "gaussians"),
-                "the same as SPZ, KB": _as("SPZ", kilobytes, "bytes"),
-                "SPZ, dB": _as("SPZ", decibels, "fitted"),
-                "as SOG, KB": _as("SOG", kilobytes, "bytes"),
-                "SOG, dB": _as("SOG", decibels, "fitted"),
-                "planes, KB": _as(PLANES, kilobytes, "bytes"),
-                "planes, dB": _as(PLANES, decibels, "fitted"),
+                "KB": mean("bytes", kilobytes, way=LISTS),
+                "dB at photos left out": mean("fitted", decibels, way=LISTS),
+                "SSIM": mean("fitted_ssim", digits(3), way=LISTS),
+                "Gaussians": mean("gaussians", "{:,.0f}".format, way=LISTS),
+                "the same as SPZ, KB": mean("bytes", kilobytes, way="SPZ"),
+                "SPZ, dB": mean("fitted", decibels, way="SPZ"),
+                "as SOG, KB": mean("bytes", kilobytes, way="SOG"),
+                "SOG, dB": mean("fitted", decibels, way="SOG"),
+                "planes, KB": mean("bytes", kilobytes, way=PLANES),
+                "planes, dB": mean("fitted", decibels, way=PLANES),
             },
             by=("size",),
             wanted=lambda row: "size" in row.setting,
