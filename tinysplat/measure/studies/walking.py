@@ -70,10 +70,11 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
         pictures, cpu = cpu_of(lambda: as_photos(gaussians, cameras, run.threads))
         return to_photos(pictures, capture.targets), cpu / len(cameras)
 
-    def coded(known: Row, gaussians: Gaussians, qp: float | None = None) -> Row:
+    def coded(known: Row, gaussians: Gaussians) -> Row:
         """A way with what its file is like; training has left out what a list does without."""
-        keep = known.way == LISTED
-        data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True, keep_all=keep))
+        is_list = known.way == LISTED
+        qp = LIST_QP if is_list else None
+        data, coding = cpu_of(lambda: runtime.compress(gaussians, qp=qp, drop_invalid=True, keep_all=is_list))
         decoded, decoding = cpu_of(lambda: runtime.decompress(data))
         pictures, drawing = drawn(decoded)
         figures = {**known.figures, "bytes": len(data), **{_coded(name): value for name, value in pictures.items()}}
@@ -93,7 +94,7 @@ def _scene_rows(name: str, capture: Capture, run: Run) -> Iterator[Row]:
             steps.insert(0, (LISTED, listed, cpu + more))
         for way, gaussians, cpu in steps:
             known = replace(row(way, photos, asked, drawn(gaussians)[0]), costs={"cpu": cpu})
-            done = coded(known, gaussians, LIST_QP if way == LISTED else None)
+            done = coded(known, gaussians)
             swing = {"flicker": flicker(gaussians, run.threads)} if is_compared and way not in (ALONE, LISTED) else {}
             yield replace(done, figures={**done.figures, **swing})
 

@@ -53,15 +53,10 @@ def _of_photo(own: int, partners: Sequence[int], found: Sequence, cameras: Seque
     places, seen, at, by, depths = (array[agreed] for array in (places, seen, at, by, depths))
     inverse = 1 / np.nanmedian(depths, axis=1) if len(depths) else np.empty(0)
     for _ in range(ROUNDS):
-        shown, z = _projected(at, by, inverse)
+        point = at + inverse[:, None, None] * by  # homogeneous pixels in the partners
+        shown, z = point[..., :2] / point[..., 2:], point[..., 2:]
         rest = np.nan_to_num(shown - seen)
         slope = np.where(np.isnan(seen), 0, (by[..., :2] - shown * by[..., 2:]) / z)
         inverse = inverse - (slope * rest).sum(axis=(1, 2)) / ((slope * slope).sum(axis=(1, 2)) + 1e-12)
     ahead = inverse > 0
     return places[ahead], inverse[ahead]
-
-
-def _projected(at: NDArray, by: NDArray, inverse: NDArray) -> tuple[NDArray, NDArray]:
-    """(N, P, 2) pixels and (N, P, 1) their divisor."""
-    point = at + inverse[:, None, None] * by
-    return point[..., :2] / point[..., 2:], point[..., 2:]

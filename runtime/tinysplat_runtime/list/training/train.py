@@ -53,7 +53,7 @@ class TrainStats:
 
     Attributes:
         given, asked, kept: Gaussians of the capture, how many there may be for its detail, and at the end.
-        floating: floaters that were left out, see `_Training`.
+        floating: how many were left out because they float beside an object that masks leave alone.
         steps, planned: how many were taken, and how many there would have been with more seconds.
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
         psnr: dB of each photo at the end, as it was exposed.
