@@ -3,6 +3,7 @@
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scenes import Heard, make_smooth_gaussians, psnr, refusing, tells, write_sc
 import tinysplat_runtime as ts
 from tinysplat_runtime.cli import main
 from tinysplat_runtime.formats.table import load_gaussians
+from tinysplat_runtime.list.training import MOST_GAUSSIANS
 from tinysplat_runtime.recipe.encode import encode
 from tinysplat_runtime.recipe.forecast import list_forecast
 from tinysplat_runtime.recipe.kinds import chosen
@@ -114,11 +116,14 @@ def test_who_listens_is_told_in_order_and_gets_what_was_coded(tmp_path: Path) ->
 def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
     """Two figures and seconds, the more the more there is to show, and no more than is asked for."""
 
-    def foretold(side: int, views: int, at_most: int | None = None, train: str | None = None) -> list[float]:
-        folder = tmp_path / f"{side} {views} {at_most} {train}"
+    def foretold(
+        side: int, views: int, at_most: int | None = None, train: str | None = None, copies: int = 1
+    ) -> list[float]:
+        folder = tmp_path / f"{side} {views} {at_most} {train} {copies}"
         scene = ts.load_scene(write_scene(folder, views=views, height=side, width=side))
+        scene = replace(scene, frames=scene.frames * copies)
         line = list_forecast(EncodeRequest(scene, at_most=at_most, train=train), scene)
-        assert line.startswith(f"{views} photos of {side}x{side}:")
+        assert line.startswith(f"{views * copies} photos of {side}x{side}:")
         words = line.replace(",", "").split()
         return [float(words[words.index(unit) - 1]) for unit in ("Gaussians", "KB", "CPU")]
 
@@ -127,6 +132,7 @@ def test_a_list_is_foretold_from_its_photos(tmp_path: Path) -> None:
         assert all(a < b for a, b in zip(one, other, strict=True))
     assert foretold(192, 9, at_most=120)[0] == 120
     assert all(foretold(192, 9, train=train)[2] < more[2] for train in ("100", "1s"))
+    assert foretold(288, 9, copies=400)[0] < MOST_GAUSSIANS / 2
 
 
 @pytest.mark.parametrize("mode", ["gaussians", "list"])

@@ -7,19 +7,21 @@ within 1.5, where those of busy machines count three quarters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussian.gaussians import Gaussians
-from ..list.training import BYTES_EACH, FEW_PHOTOS, for_network, usual_steps
+from ..list.training import BYTES_EACH, DEFAULT_SECONDS, FEW_PHOTOS, KEPT, MOST_GAUSSIANS, for_network, usual_steps
 from ..list.training.contrast import contrast
 from ..list.views import TOGETHER, Views
 from ..scene.cameras import Camera
 from ..scene.scenes import Scene
 from ..scene.viewchoice import ALL_VIEWS
 from ..system.evenly import evenly
+from ..system.threads import available_cores
 from .request import EncodeRequest
 from .words import Training
 
@@ -65,8 +67,8 @@ def planes_forecast(request: EncodeRequest, scene: Scene) -> str:
 def list_forecast(request: EncodeRequest, scene: Scene) -> str:
     """A line about photos as a list: Gaussians, bytes, CPU seconds."""
     count, camera, detail = len(scene.frames), scene.cameras[0], _detail(scene)
-    bounds = [BYTES_EACH * request.at_most if request.at_most else np.inf, request.target_size or np.inf]
-    size = min(_list_bytes(scene, detail), *bounds)
+    most = min(request.at_most or math.inf, KEPT * MOST_GAUSSIANS)
+    size = min(_list_bytes(scene, detail), BYTES_EACH * most, request.target_size or math.inf)
     made = f"about {_rounded(size / BYTES_EACH)} Gaussians and {_rounded(size / 1000)} KB"
     pixels, training = camera.width * camera.height, request.train or Training()
     steps = training.steps or usual_steps(count, detail / pixels)
@@ -74,7 +76,7 @@ def list_forecast(request: EncodeRequest, scene: Scene) -> str:
     each = FEW_SECONDS if count <= FEW_PHOTOS else PHOTO_SECONDS
     seen = for_network(scene).cameras[0]
     before = each * count * seen.width * seen.height / 256**2
-    seconds = before + min(trained, training.seconds or np.inf)
+    seconds = before + min(trained, available_cores() * (training.seconds or DEFAULT_SECONDS))
     taken = f"(perhaps a third fewer or more), {_rounded(seconds)} CPU seconds"
     return f"{count} photos of {camera.width}x{camera.height}: {made} {taken}"
 
