@@ -7,8 +7,8 @@ It trains on the CPU from 24 photos of 256×256, their cameras, and corners that
 its schedule is one of 30,000 steps, and a short run never gets to detail; here it is fitted to the steps: photos of 64
 and 128 pixels for a fifth of them each, more Gaussians at two, three and four tenths, one degree of colour more every
 quarter (not with `--shipped`). What it has written is drawn at the photos left out as 3DGS defines, by our renderer.
-Rows come as `walk` of the way `OpenSplat`, which the tables of captures know; seconds are its process's, user and
-system.
+Rows come of the way `OpenSplat`, as of `walk` or, with `--study rates`, beside `bench rates` of the same photos; tables
+of both know it. Seconds are its process's, user and system.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 import tinysplat_runtime as ts
 from tinysplat.measure.clock import cpu_of
 from tinysplat.measure.pictures import to_photos
-from tinysplat.measure.rows import Row
-from tinysplat.measure.studies.walking import COMPARED, STUDY, TRAINER
+from tinysplat.measure.rows import TRAINER, Row
+from tinysplat.measure.studies.rates import STUDY as RATES
+from tinysplat.measure.studies.walking import COMPARED, STUDY
 from tinysplat.measure.subjects.captures import Capture, found_for
 from tinysplat.measure.subjects.corners import agreed_corners
 from tinysplat_runtime.render import DEFINITION, Renderer
@@ -91,6 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE")
     parser.add_argument("--steps", default="1000", help="numbers of steps, with commas between")
     parser.add_argument("--shipped", action="store_true", help="keep its own schedule but for the number of steps")
+    parser.add_argument("--study", choices=(STUDY, RATES), default=STUDY, help="whose tables the rows are for")
     parser.add_argument("--version", required=True, help="of OPENSPLAT, and what was mended in it; goes into the rows")
     parser.add_argument("--out", type=Path, required=True, metavar="ROWS")
     given = parser.parse_args(arguments)
@@ -106,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 setting = {"photos": len(scene.frames), "asked": str(COMPARED), "steps": steps, "by": given.version}
                 setting |= {"schedule": "shipped"} if given.shipped else {}
                 counts = {"gaussians": gaussians.count, "bytes": size}
-                row = Row(STUDY, path.name, TRAINER, setting, {**figures, **counts}, {"cpu": cpu})
+                row = Row(given.study, path.name, TRAINER, setting, {**figures, **counts}, {"cpu": cpu})
                 line = json.dumps(row.to_json(), ensure_ascii=False)
                 print(line)
                 with given.out.open("a", encoding="utf-8") as file:

@@ -26,6 +26,9 @@ ROWS = "rows.jsonl"
 RESULTS = "results.json"
 """Of an evaluation's folder: all its figures as one document."""
 
+TRAINER = "OpenSplat"
+"""The way of rows by `checks/opensplat.py`, which trains on the same photos."""
+
 _MAX_BYTES = 512 * 1000 * 1000
 _HASH_LENGTH = 16
 

@@ -2,7 +2,8 @@
 
 Every fourth photo is left out, and drawn from the file that `encode` makes of up to 24 others: for a given size, which
 trains a list of its own (also written as SPZ and SOG), and for a given number of steps. Beside them stand planes of the
-network (`--fast`), for a size and as they come.
+network (`--fast`), for a size and as they come, and rows of OpenSplat on the same photos, by its number of steps
+(`checks/opensplat.py --study rates`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from tinysplat_runtime.scene.scenes import Scene
 
 from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
-from ..rows import Row, grouped, of_study
+from ..rows import TRAINER, Row, grouped, of_study
 from ..show.plots import Panel, save_panels
 from ..show.tables import ABSENT, Listing, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
@@ -173,6 +174,6 @@ RATES = Study(
     },
     {
         STUDY: _plotted("size", "KB", (LISTS, *OTHERS, PLANES), lambda row: row.figures["bytes"] / 1000),
-        f"{STUDY} seconds": _plotted("steps", "CPU s", (LISTS, PLANES), lambda row: row.costs["cpu"]),
+        f"{STUDY} seconds": _plotted("steps", "CPU s", (LISTS, TRAINER, PLANES), lambda row: row.costs["cpu"]),
     },
 )

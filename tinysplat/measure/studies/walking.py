@@ -29,16 +29,13 @@ from tinysplat_runtime.scene.scenes import Scene
 
 from ..clock import cpu_of
 from ..pictures import as_photos, to_photos
-from ..rows import Row
+from ..rows import TRAINER, Row
 from ..show.tables import Cell, Listing, Write, decibels, digits, kilobytes, mean, said
 from ..study import Run, Study
 from ..subjects.captures import Capture, found_for
 
 STUDY = "walk"
 ALONE, LISTED = "network alone", "list"
-TRAINER = "OpenSplat"
-"""The way of rows by `checks/opensplat.py`, which trains on the same photos."""
-
 COUNTS, QUICK_COUNTS = (12, 24, 48), (8,)
 COMPARED = 24
 """Photos of which the other ways take their own."""
