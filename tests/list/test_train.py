@@ -148,6 +148,12 @@ def test_seconds_end_it_and_that_is_said(torn) -> None:
     )
 
 
+def test_seconds_end_it_long_before_all_of_many_photos_had_their_turn() -> None:
+    capture, targets = wall(np.full(90, 3.0))
+    trained(capture, targets, Budget(AT_MOST, seconds=1e-3), threads=1, stats=(stats := TrainStats()))
+    assert stats.steps < 45 and stats.is_cut_short
+
+
 @pytest.mark.parametrize(
     ("change", "options", "where"),
     [

@@ -42,6 +42,9 @@ from .settings import Budget, Settings
 COSTS = {4: 1.0, 2: 1.5, 1: 2.0}
 """Of steps on photos so many times smaller, against each other."""
 
+PLANNED_AGAIN = 24
+"""Steps after which, at the latest, it is seen how many more there will be."""
+
 FEWER, COVERED = 0.5, 0.9
 """Of the photos that the median Gaussian is in, the share below which few have one in their pictures; and opacity from
 which on others cover a pixel."""
@@ -193,10 +196,11 @@ class _Training:
             if way * self._settings.looks >= looks:
                 self._look(way)
                 looks += 1
+            if stats.steps and (not turns or stats.steps % PLANNED_AGAIN == 0):
+                steps = clock.left(stats.steps)
             if not turns:
                 turns = self._rng.permutation(len(self._gains)).tolist()
                 stats.rounds.append([])
-                steps = max(clock.left(stats.steps), 1) if stats.steps else steps
             stats.rounds[-1].append(self._step(turns.pop(), way))
             stats.steps += 1
             yield stats.steps
