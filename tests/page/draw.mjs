@@ -23,7 +23,7 @@ const { projection, principal, focal } = camera.fitted(width, height);
 const rows = [0, 3, 6].map((at) => vector(...projection.slice(at, at + 3)));
 
 const isNear = scene.order === "near" && views.length > 1;
-const share = isNear ? shares(distances(views, depth, camera)) : views.map(() => 0);
+const share = isNear ? shares(distances(views, depth, camera)) : views.flatMap(() => [0, 1]);
 const z = camera.rotation[2];
 const order = sorting(means, parts)([...z, -dot(z, camera.position)], nearPlane, share);
 const partOf = (i) => parts.find(({ from, to }) => from <= i && i < to);
@@ -70,8 +70,8 @@ for (const entry of order) {
   const wider = glsl.widening(a, b, c, plain, own);
   const det = plain + wider.x * (a + c + wider.x);
   [a, c] = [a + wider.x, c + wider.x];
-  const opacity = opacities[i] * wider.y;
-  const part = isCopy ? share[view] : 1;
+  const opacity = opacities[i] * wider.y * (view >= 0 ? share[2 * view + 1] : 1);
+  const part = isCopy ? share[2 * view] : 1;
   const reach = Math.log(opacity / glsl.LEAST_ALPHA);
   if (!(reach > 0)) continue;
   const axes = glsl.halfAxes(a, b, c, det);

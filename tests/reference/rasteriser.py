@@ -57,10 +57,10 @@ def own_pixels(gaussians: Gaussians) -> NDArray:
     return np.concatenate(sizes)
 
 
-def shares(gaussians: Gaussians, camera: Camera) -> NDArray:
-    """(N,) the share of its alphas that each Gaussian is drawn first with."""
+def shares(gaussians: Gaussians, camera: Camera) -> tuple[NDArray, NDArray]:
+    """(N,) each: the share of its alphas that each Gaussian is drawn first with, and of its opacity that it has."""
     photos = gaussians.cameras
-    front = np.zeros(max(len(photos), 1))
+    front, opaque = np.zeros(max(len(photos), 1)), np.ones(max(len(photos), 1))
     if len(photos) > 1:
         z = [
             (gaussians.means[v].astype(np.float64) + gaussians.origin - photo.c2w[:3, 3]) @ photo.c2w[:3, 2]
@@ -71,8 +71,11 @@ def shares(gaussians: Gaussians, camera: Camera) -> NDArray:
         distance = np.array([math.hypot(*(one[:, 3] / depth), *one[:, 2]) for one in apart])
         ranked = np.sort(distance)
         front = np.clip((1.5 * ranked[1] - distance) / (1.5 * ranked[1] - ranked[0]), 0, 1) ** 2
+        if len(photos) > 6:
+            opaque = np.clip((ranked[6] - distance) / (ranked[6] - ranked[1]), 0, 1)
     sizes = [(n, layer.opacities[0].size) for n, layer in enumerate(gaussians.layers)]
-    return np.concatenate([np.repeat(front * (n == 0), size) for n, size in sizes])
+    fronts = np.concatenate([np.repeat(front * (n == 0), size) for n, size in sizes])
+    return fronts, np.concatenate([np.repeat(opaque, size) for _, size in sizes])
 
 
 def render_reference(
@@ -82,14 +85,13 @@ def render_reference(
     near_plane: float = 0.01,
     dilation: str = "screen",
     order: str = "depth",
-    share: NDArray | None = None,
 ) -> dict[str, NDArray]:
-    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64; `share` for `shares`."""
+    """Pictures "rgb" (H, W, 3), not clipped, "depth" (H, W) and "alpha" (H, W), float64."""
     flat = gaussians.flat()
     own = own_pixels(gaussians) if dilation == "own" else np.zeros(flat.opacities.size)
-    front = np.zeros(flat.opacities.size)
+    front, opaque = np.zeros(flat.opacities.size), np.ones(flat.opacities.size)
     if order == "near" and gaussians.cameras:
-        front = shares(gaussians, camera) if share is None else share
+        front, opaque = shares(gaussians, camera)
     means = flat.means.astype(np.float64) + (flat.origin - camera.centre)
     points = means @ camera.rotation.T
     basis = sh_basis(means / np.linalg.norm(means, axis=-1, keepdims=True), flat.degree)
@@ -103,7 +105,7 @@ def render_reference(
             continue
         to_pixels = jacobian(camera, points[i]) @ camera.rotation
         axes = to_pixels @ rotation_matrix(flat.quats[i].astype(np.float64)) * flat.scales[i].astype(np.float64)
-        opacity = float(flat.opacities[i])
+        opacity = float(flat.opacities[i] * opaque[i])
         footprint = axes @ axes.T + 0.3 * np.eye(2)
         if own[i] > 0:
             pixel = max(own[i] * math.sqrt(camera.K[0, 0] * camera.K[1, 1]) / z, 1 / 8)  # its width on the screen

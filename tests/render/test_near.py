@@ -21,9 +21,14 @@ def test_gaussians_of_no_view_and_of_one_are_drawn_by_depth():
 def test_shares_are_1_for_the_nearest_view_and_0_for_those_far_away():
     views = NearViews.of(make_gaussians(4, 8, 12))
     path = between(make_cameras(4, 8, 12), 61)
-    shares = np.stack([views.shares(camera) for camera in path])
-    assert (shares.max(axis=1) == 1).all() and (shares.min(axis=1) == 0).all()
-    np.testing.assert_allclose(shares[30], shares[30][::-1], atol=1e-6)  # in the middle of the row
+    fronts, left = np.stack([views.shares(camera) for camera in path], axis=1)
+    assert (fronts.max(axis=1) == 1).all() and (fronts.min(axis=1) == 0).all() and (left == 1).all()
+    np.testing.assert_allclose(fronts[30], fronts[30][::-1], atol=1e-6)  # in the middle of the row
+
+
+def test_of_many_views_a_picture_shows_six_at_most():
+    _, left = NearViews.of(make_gaussians(9, 8, 12)).shares(make_cameras(9, 8, 12)[2])
+    assert (left[[1, 2, 3]] == 1).sum() >= 2 and np.count_nonzero(left) <= 6
 
 
 @given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=2, max_size=9, unique=True), st.integers(0, 1000))
@@ -33,10 +38,12 @@ def test_shares_are_continuous(places, seed):
     start, towards = np.random.default_rng(seed).uniform(-1, 1, (2, 3))
     c2w = np.eye(4)
     c2w[:3, 3] = start
-    shares, room = [], []
+    fronts, left, room = [], [], []
     for step in (0, 1e-6):
         c2w[:3, 3] = start + step * towards
-        shares.append(views.shares(Camera(np.eye(3), c2w, 8, 8)))
+        for found, by_view in zip((fronts, left), views.shares(Camera(np.eye(3), c2w, 8, 8)), strict=True):
+            found.append(by_view)
         distances = np.sort(np.linalg.norm(views.centres - c2w[:3, 3], axis=1))
-        room.append(1.5 * distances[1] - distances[0])
-    assert np.abs(shares[1] - shares[0]).max() <= 2e-5 / min(room) + 1e-12
+        room.append([1.5 * distances[1] - distances[0], *(distances[6:7] - distances[1])])
+    for found, least in zip((fronts, left), np.min(room, axis=0), strict=False):
+        assert np.abs(found[1] - found[0]).max() <= 2e-5 / max(least, 1e-30) + 1e-12

@@ -144,6 +144,16 @@ def test_gaussians_from_very_near_agree_with_the_reference():
             check(found, np.clip(expected["rgb"], 0, 1))
 
 
+@pytest.mark.parametrize("views", [7, 20])
+def test_of_many_views_near_ones_are_drawn(views):
+    gaussians = make_gaussians(views, height=6, width=8, degree=1, layers=2)
+    gaussians = replace(gaussians, opacities=0.5 * gaussians.opacities)  # so that what lies behind shows
+    seen = gaussians.cameras[views // 2].resized(18, 24)
+    aside = np.eye(4)
+    aside[:3, 3] = 0.03, 0.02, 0.01  # as far from no two views
+    agree(gaussians, Camera(seen.K, seen.c2w @ aside, 24, 18), {"dilation": "own", "order": "near"})
+
+
 def test_pictures_far_from_the_world_origin_agree_with_those_near_it():
     gaussians = per_pixel()
     near = make_cameras(1, 24, 32)[0]

@@ -2,6 +2,7 @@
 import { add, length } from "./vectors.js";
 
 const NEAR_REACH = 1.5; // of the second nearest view's distance, where shares reach 0
+const MOST_VIEWS = 6; // drawn in a picture
 
 // How far views are from a camera, place (in depths) and direction alike.
 export function distances(views, depth, camera) {
@@ -15,16 +16,17 @@ function ramp(distance, nearest, reach) {
   return Math.max(0, Math.min(1, (reach - distance) / (reach - nearest)));
 }
 
-// Shares by view of their surfaces' alphas, that are drawn before all else.
+// Two shares by view: of its surface's alphas, that is drawn before all else, and of its opacities, that they have.
 export function shares(far) {
-  if (far.length < 2) return new Float32Array(far.length);
-  const [nearest, second] = [...far].sort((a, b) => a - b);
-  return Float32Array.from(far, (distance) => ramp(distance, nearest, NEAR_REACH * second) ** 2);
+  const ranked = [...far].sort((a, b) => a - b);
+  const front = (distance) => (far.length > 1 ? ramp(distance, ranked[0], NEAR_REACH * ranked[1]) ** 2 : 0);
+  const opaque = (distance) => (far.length > MOST_VIEWS ? ramp(distance, ranked[1], ranked[MOST_VIEWS]) : 1);
+  return Float32Array.from(far.flatMap((distance) => [front(distance), opaque(distance)]));
 }
 
-// Indices of the Gaussians to draw, nearest first: `order(plane, nearPlane, front)` for means (3n) and parts of them, {
+// Indices of the Gaussians to draw, nearest first: `order(plane, nearPlane, shares)` for means (3n) and parts of them, {
 // view, isFront, from, to }; view is -1 where there is none. First copies of the surfaces that have a share in front,
-// with COPY set, then all; equal depths in their order. Self-contained, as a worker runs its text.
+// with COPY set, then all with some opacity; equal depths in their order. Self-contained, as a worker runs its text.
 export function sorting(means, parts) {
   const COPY = 0x80000000;
   const n = means.length / 3;
@@ -47,10 +49,11 @@ export function sorting(means, parts) {
     for (let i = 0; i < total; i++) other[counts[(keys[order[i]] >>> shift) & 65535]++] = order[i];
     [order, other] = [other, order];
   }
-  return ([x, y, z, t], nearPlane, front) => {
+  return ([x, y, z, t], nearPlane, shares) => {
     total = 0;
     for (const { view, isFront, from, to } of parts) {
-      const isCopied = isFront && view >= 0 && front[view] > 0 ? 1 : 0;
+      if (shares[2 * view + 1] === 0) continue;
+      const isCopied = isFront && shares[2 * view] > 0 ? 1 : 0;
       for (let i = from; i < to; i++) {
         fronts[i] = isCopied;
         depths[i] = x * means[3 * i] + y * means[3 * i + 1] + z * means[3 * i + 2] + t;

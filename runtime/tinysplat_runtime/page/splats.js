@@ -18,7 +18,7 @@ const PROJECT = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
 uniform usampler2D order;             // indices of Gaussians, nearest first
 uniform usampler2D geometry, colours; // two texels a Gaussian; one texel an SH function
-uniform sampler2D shares;             // by view: of its surface's alphas, that come first
+uniform sampler2D shares;             // by view: of its surface's alphas, that come first, and of its opacities
 uniform uint count;
 uniform mat3 projection;              // K R without the principal point
 uniform vec3 eye;                     // camera centre
@@ -93,8 +93,9 @@ void main() {
   det += wider.x * (a + c + wider.x);
   a += wider.x;
   c += wider.x;
-  opacity *= wider.y;
-  float part = isCopy ? texelFetch(shares, ivec2(view, 0), 0).x : 1.0; // of its alphas, that the picture in front has
+  vec2 share = texelFetch(shares, ivec2(view, 0), 0).xy;
+  opacity *= wider.y * share.y;
+  float part = isCopy ? share.x : 1.0; // of its alphas, that the picture in front has
   if (fades) opacity *= float(first.w >> 24) / 255.0;
   float reach = log(opacity / LEAST_ALPHA); // the exponent at which the footprint ends
   vec2 pixel = centred + principal, extent = sqrt(2.0 * reach * vec2(a, c));
@@ -331,7 +332,7 @@ export class Splats {
     };
     cloud.geometry = cloud.colours = null; // the textures have them
     this.records = { shapes: dataTexture(gl, this.most, 4), paints: dataTexture(gl, this.most, 4) };
-    this.shares = plainTexture(gl, gl.R32F, cloud.viewCount + 1, 1);
+    this.shares = plainTexture(gl, gl.RG32F, cloud.viewCount + 1, 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.recordFrame);
     const places = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1];
     Object.values(this.records).forEach((texture, i) =>
@@ -520,11 +521,12 @@ export class Splats {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  #fillShares(front) {
+  #fillShares(shares) {
     const { gl } = this;
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.shares);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, front.length + 1, 1, gl.RED, gl.FLOAT, Float32Array.of(0, ...front));
+    const views = shares.length / 2 + 1;
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, views, 1, gl.RG, gl.FLOAT, Float32Array.of(0, 1, ...shares));
   }
 
   #resize(width, height) {

@@ -257,8 +257,8 @@ export class Viewer {
   }
 
   shares() {
-    const { views, hasCameras } = this.scene;
-    return hasCameras && this.cloud.viewCount ? shares(distances(views, this.cloud.depth, this.camera)) : [];
+    const { viewCount, depth } = this.cloud;
+    return shares(distances(this.scene.views.slice(0, viewCount), depth, this.camera));
   }
 
   // The point that shows at a pixel: on the nearest Gaussians there, or as deep as the scene where there are none.

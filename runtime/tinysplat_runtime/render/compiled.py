@@ -42,10 +42,10 @@ class Rasteriser:
         self._keeps = keeps
         self._buffers = SplatBuffers(len(parts) * longest if keeps else 0, run_jobs, only_shown=True)
 
-    def draw(self, drawn: Sequence[int], view: View, shares: NDArray, with_depth: bool) -> Canvas:
-        """Draw a frame of some parts; `shares` are those of `NearViews.shares`."""
+    def draw(self, drawn: Sequence[int], view: View, fronts: NDArray, opaque: NDArray, with_depth: bool) -> Canvas:
+        """Draw a frame of some parts; `fronts` and `opaque` are those of `NearViews.shares`."""
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
-        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), bool(shares.any())
+        picture, has_front = Picture(canvas.colour, canvas.left, canvas.depth[0]), bool(fronts.any())
         if self._keeps:
             self._buffers.clear()
             buffers, packed = self._buffers, [partial(self._packed, number) for number in drawn]
@@ -55,7 +55,7 @@ class Rasteriser:
         def project(number_and_chunks: tuple[int, Packed]) -> kernels_list.Visible:
             number, chunks = number_and_chunks
             of = self._parts[number]
-            return buffers.project(chunks(), view, float(shares[of.view]) if of.is_surface else 0.0)
+            return buffers.project(chunks(), view, fronts[of.view] if of.is_surface else 0.0, opaque[of.view])
 
         def blend(_: int, listed: Listed, extent: Extent, scratch: Scratch) -> None:
             kernels_blend.composite_tile(listed, extent, scratch, picture, has_front)

@@ -4,6 +4,7 @@ Blocks of Gaussians are projected and listed by the tiles of pixels that they re
 worked on, each for itself. Threads share both.
 """
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -79,13 +80,14 @@ class SplatBuffers:
         """Make place for another frame's records where there are only those that may show."""
         self._used = 0
 
-    def project(self, chunks: Chunks, view: View, front: float) -> Visible:
+    def project(self, chunks: Chunks, view: View, front: float = 0.0, opaque: float = 1.0) -> Visible:
         """Fill a block's records, and list what of them is visible.
 
         Args:
             chunks: the block.
             view: the camera.
             front: share of its Gaussians' alphas that is drawn before everything else.
+            opaque: share of their opacities that they have.
         """
         rows = kernels_project.CHUNK * len(chunks.sh)
         if self._found is None:
@@ -100,6 +102,7 @@ class SplatBuffers:
         if wide:
             _redo_wide(chunks.block(), view, records, gaussians)
         records[:, LAST] = front
+        records[:, LOG_OPACITY] += np.float32(math.log(opaque))
         visible = _visible(records, first, ids, boxes, view)
         if self._found is None:
             place = self._put(records)

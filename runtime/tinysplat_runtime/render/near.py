@@ -20,6 +20,13 @@ and direction, so that nothing pops along a path.
 
 Surfaces are drawn in front with w_v² of what they are, as a surface of many Gaussians that overlap covers more than its
 share: with 0.2 each, six of them cover 0.7.
+
+Of more than six views, those that are far away show next to nothing that near ones do not, and cover much of what these
+have right. So everything of a view is drawn with a share of its opacity,
+
+    f_v = clamp((d₇ − d_v) / (d₇ − d₂), 0, 1),
+
+d₂ and d₇ the second and seventh least distance: the two nearest views as they are, and six at most.
 """
 
 from __future__ import annotations
@@ -34,6 +41,9 @@ from ..scene.cameras import Camera
 
 REACH = 1.5
 """Of the second nearest view's distance, where shares reach 0: at 1, two views that swap places there would pop."""
+
+MOST_VIEWS = 6
+"""Drawn in a picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +74,17 @@ class NearViews:
             count, inverse = count + int(np.count_nonzero(z > 0)), inverse + float((1 / z[z > 0]).sum())
         return cls(centres, directions, count / inverse if count else 1.0)
 
-    def shares(self, camera: Camera) -> NDArray:
-        """(V,) float64 in [0, 1], the share of each view's surface that comes before everything else."""
+    def shares(self, camera: Camera) -> tuple[NDArray, NDArray]:
+        """(V,) float64 in [0, 1] each: the share of every view's surface that comes before everything else, and of the
+        opacity that everything of it has.
+        """
         places = np.square(self.centres - camera.centre).sum(axis=1) / self.depth**2
         distances = np.sqrt(places + np.square(self.directions - camera.rotation[2]).sum(axis=1))
-        nearest, second = np.sort(distances)[:2]
-        return np.square(_ramp(distances, nearest, REACH * second))
+        ranked = np.sort(distances)
+        opaque = np.ones(len(ranked))
+        if len(ranked) > MOST_VIEWS:
+            opaque = _ramp(distances, ranked[1], ranked[MOST_VIEWS])
+        return np.square(_ramp(distances, ranked[0], REACH * ranked[1])), opaque
 
 
 def _ramp(distances: NDArray, nearest: float, reach: float) -> NDArray:

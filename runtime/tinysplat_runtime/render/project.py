@@ -117,7 +117,13 @@ class Splats:
 
 @np.errstate(all="ignore")  # overflow is met by float64 and by LIMIT, NaN is looked for
 def project(
-    block: Block, view: View, tile: tuple[int, int], splats: Splats, *, first: int = 0, front: float = 0.0
+    block: Block,
+    view: View,
+    tile: tuple[int, int],
+    splats: Splats,
+    *,
+    first: int = 0,
+    shares: tuple[float, float] = (0, 1),
 ) -> NDArray:
     """Project a block into rows of `splats`.
 
@@ -129,13 +135,14 @@ def project(
         tile: (width, height) of a tile in pixels.
         splats: where to write.
         first: the first of these rows.
-        front: share of their alphas that is drawn before all others.
+        shares: of their alphas that is drawn before all others, and of their opacities that they have.
 
     Returns:
         (m,) int32, the rows of visible splats, rising and in the block's order.
     """
     planes = np.empty((RECORD, block.size), np.float32)
-    log_opacities = block.log_opacities.copy()
+    front, opaque = shares
+    log_opacities = block.log_opacities + np.float32(math.log(opaque))
     ray = block.means + view.offset[:, None]  # (3, n) float64, from the camera centre
     point = np.einsum("ij,jn->in", view.projection, ray)
     in_front = point[2] > view.near_plane
@@ -256,8 +263,7 @@ def _shapes(
     if wide.size:
         planes[: GAMMA + 1, wide], half[:, wide], log_opacities[wide] = wide_shapes(block, view, wide)
         in_front[wide] &= np.isfinite(planes[: GAMMA + 1, wide]).all(axis=0)  # NaN is among the wide
-    if own_pixels is not None:
-        in_front &= log_opacities >= np.float32(math.log(ALPHA_MIN))
+    in_front &= log_opacities >= np.float32(math.log(ALPHA_MIN))
     return half * np.sqrt(footprint_exponent(log_opacities)), wide
 
 

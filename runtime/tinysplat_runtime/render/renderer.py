@@ -95,7 +95,7 @@ class Renderer:
         _check_choice("dilation", dilation, DILATIONS)
         _check_choice("order", order, ORDERS)
         self._near = NearViews.of(gaussians) if order == "near" else None
-        self._none_first = np.zeros(max(len(gaussians.cameras), 1))
+        self._shares = np.array([[0.0], [1.0]]).repeat(max(len(gaussians.cameras), 1), axis=1)
         by_photo = bool(gaussians.cameras) and (self._near is not None or dilation == "own")
         cut = list(parts(gaussians, by_view=by_photo, own_pixels=dilation == "own"))
         row_bytes = 56 + 4 * 3 * gaussians.sh.shape[-2]
@@ -142,13 +142,13 @@ class Renderer:
         return images["rgb"] if outputs == ("rgb",) else images
 
     def _draw(self, view: View, with_depth: bool) -> Canvas:
-        shares = self._none_first if self._near is None else self._near.shares(view.camera)
-        drawn = list(range(len(self._parts)))
+        fronts, opaque = self._shares if self._near is None else self._near.shares(view.camera)
+        drawn = [number for number, part in enumerate(self._parts) if opaque[part.view]]
         if len(drawn) >= MANY_PARTS:
-            shows = parts_show(self._parts, view)
+            shows = parts_show([self._parts[number] for number in drawn], view)
             drawn = [n for n, does in zip(drawn, shows, strict=True) if does] or drawn[:1]
         if self._compiled is not None:
-            canvas: Canvas = self._compiled.draw(drawn, view, shares, with_depth)
+            canvas: Canvas = self._compiled.draw(drawn, view, fronts, opaque, with_depth)
             return canvas
         cuts: list[Part | Block] = [self._block(n) if self._keeps else self._parts[n] for n in drawn]
         ends = np.cumsum([0, *(cut.size for cut in cuts)])  # of a stripe that nothing reaches, there are none
@@ -165,8 +165,8 @@ class Renderer:
             else:  # picking rows costs about as much as projecting a few more
                 block = cut.compress(may_show(cut, view)) if may_show(cut, view, SAMPLE).mean() < 0.75 else cut
             of = self._parts[number]
-            front = float(shares[of.view]) if of.is_surface else 0.0
-            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, front=front)
+            shares = (fronts[of.view] if of.is_surface else 0.0), opaque[of.view]
+            return project(block, view, (TILE_WIDTH, TILE_HEIGHT), splats, first=first, shares=shares)
 
         ids = self._run(project_part, list(zip(drawn, cuts, ends[:-1].tolist(), strict=True)))
         order, boxes = _in_order(splats, ids)
@@ -174,7 +174,7 @@ class Renderer:
         canvas = Canvas(view.camera.height, view.camera.width, with_depth)
 
         def draw_band(place: tuple[int, TileGrid]) -> None:
-            band = Band(*place, with_depth, bool(shares.any()))
+            band = Band(*place, with_depth, bool(fronts.any()))
             self._composite(band, order, boxes)
             band.write(canvas)
 
@@ -232,8 +232,8 @@ def render(
         dilation: "own" widens a splat by the photo's pixel that it stands for, so that surfaces stay closed from
             however near, and from afar hide no more than they should (of a list that knows its photos by that of the
             nearest one, from nearer than it); "screen" by 0.3 px² of the picture's.
-        order: "near" draws the surfaces of near views before everything else (`near.py` says how much of which);
-            "depth" all Gaussians by depth.
+        order: "near" draws the surfaces of near views before everything else, and of many views six at most (`near.py`
+            says how much of which); "depth" all Gaussians by depth.
         threads: how many to use, None for one per available core; the picture is the same, bit for bit.
         outputs: any of "rgb", "depth", "alpha".
         background: (3,) colour behind the Gaussians.

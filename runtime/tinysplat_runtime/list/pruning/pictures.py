@@ -84,7 +84,7 @@ class Pictures:
             view = View.of(self.cameras[number], gaussians.origin, NEAR_PLANE)
 
             def project(chunks: Chunks, view: View = view) -> Visible:
-                return buffers.project(chunks, view, 0.0)
+                return buffers.project(chunks, view)
 
             yield number, _Drawn(buffers, view, self._run(project, packed))
 

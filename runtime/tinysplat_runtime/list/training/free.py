@@ -180,7 +180,7 @@ class FreeGaussians:
 
     def _project(self, piece: RowBlock, view: View) -> Visible:
         chunks = Chunks(piece.rows.start, piece.geometry.ravel(), piece.sh, lambda: self._block(piece))
-        return self._comparer.buffers.project(chunks, view, 0.0)
+        return self._comparer.buffers.project(chunks, view)
 
     def _block(self, piece: RowBlock) -> Block:
         """A piece as it stands, for the code that works in float64."""
