@@ -102,6 +102,20 @@ def test_a_dark_photo_makes_no_other_darker_or_brighter(torn) -> None:
     assert mean_psnr(found, targets) > mean_psnr(even, targets) - 3
 
 
+def test_what_moved_between_photos_is_not_learnt_and_changes_no_exposure() -> None:
+    capture, targets = wall(np.full(9, 3.0), 48, 64)
+    moved = [replace(one, photo=one.photo.copy()) for one in targets]
+    for n in (1, 4, 6):
+        moved[n].photo[13:39, 7 * n : 7 * n + 18] = 1, 1, 0.9
+    colours = np.stack([one.photo for one in moved])[..., None, :]
+    capture = replace(capture, sh=(colours - np.float32(0.5)) / np.float32(0.2820948))
+    found = trained(capture, moved, Budget(AT_MOST, 270), threads=2, stats=(stats := TrainStats()))
+    plain = trained(capture, moved, Budget(AT_MOST, 270), threads=2, settings=Settings(agreed=1))
+    assert mean_psnr(found, targets) > mean_psnr(plain, targets) + 1
+    assert np.allclose([seen.gain for seen in found.viewpoints], 1, atol=0.03)
+    assert [n for n, share in enumerate(stats.contradicted) if share > 0.1] == [1, 4, 6]
+
+
 def looking_lower(target: Target, pixels: float) -> Target:
     """The photo with a camera that is said to look so many pixels lower than it did."""
     c2w, angle = target.camera.c2w.copy(), pixels / target.camera.focal

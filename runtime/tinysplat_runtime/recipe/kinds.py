@@ -14,10 +14,11 @@ from ..graphs import DEFAULT_MODEL
 from ..list.training import FEW_PHOTOS, for_network, usual_steps
 from ..network.ways import LEAST_EACH
 from ..scene.scenes import Scene
-from ..system import disk
+from ..system import disk, printable
 from ..system.told import Told
 from .coding import as_list, as_photos, as_planes, kept, pruned, ranked
 from .forecast import list_forecast, planes_forecast
+from .prepare import name_of
 from .request import Coding, EncodeRequest
 from .steps import Kind, Run, Shares, Step
 from .words import Training
@@ -25,6 +26,9 @@ from .words import Training
 LIST_QP, FEW_LIST_QP = -5.0, -6.0
 """Default Q_g of a capture as one list, and of one of few photos, which has few bytes to save: training brings it
 nearer to its photos than most inputs of `compress` are, so that the same steps would lose more."""
+
+MOVED = 0.02
+"""Share of a photo that the others contradict, from which on it is named."""
 
 TRAINED = 2.2
 """Share of time of a step of training, times the photos."""
@@ -45,6 +49,9 @@ def _trained(run: Run) -> Run:
         disk.let_go()
         found = trained(run.made, targets, budget, threads=run.tools.threads, stats=stats, told=run.told)
     run.told.say("doubt" if stats.is_cut_short else "notice", stats.text)
+    if moved := [name_of(run.photos.frames[view]) for view in np.flatnonzero(np.array(stats.contradicted) >= MOVED)]:
+        what = f"{max(stats.contradicted):.0%} of a photo at most that the others contradict"
+        run.told.say("notice", f"left out of {printable.enumerated(moved)}: {what}; something moved", run.photos.path)
     note = f"{stats.steps} steps on {len(targets)} photos: {np.nanmean(stats.psnr):.1f} dB"
     return replace(run, gaussians=found.with_notes(replace(found.notes, refined=note)))
 

@@ -34,6 +34,9 @@ class Settings:
         start: share of the Gaussians that it begins with.
         grown: share of the way after which none are added.
         looks: how often some are added and those that show nothing go.
+        contradicted: mean |error| of a block of pixels, of three colours, from which on nothing is learnt from a photo
+            there; not of few photos, of which one alone shows much.
+        agreed: share of the way from which on that is looked for.
         texture: what a photo's smoothed contrast of grey counts where Gaussians are drawn, beside 1.
         larger: how much larger than their distance Gaussians begin.
         opacity: theirs at the beginning.
@@ -64,6 +67,8 @@ class Settings:
     start: float = 0.8
     grown: float = 0.6
     looks: int = 10
+    contradicted: float = 0.6
+    agreed: float = 0.25
     texture: float = 10.0
     larger: float = 1.5
     opacity: float = 0.6

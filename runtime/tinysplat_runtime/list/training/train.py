@@ -5,7 +5,7 @@ scales, fades and colours all Gaussians by Adam. Now and then Gaussians that sho
 still lack something give new ones; later those go that photos hardly need, while the others can still make up for them.
 Where masks leave an object alone, what floats beside it, in few photos' pictures, goes all along.
 Photos may differ in exposure: each has a gain per colour. Cameras may be off by a pixel or two: of more than a few
-photos each is corrected.
+photos each is corrected. Nothing is learnt from what moved between these.
 Needs numba (`tinysplat[fast]`).
 """
 
@@ -30,6 +30,7 @@ from ...system.told import NOBODY, Told
 from ..pruning.kernels import COST
 from ..pruning.pictures import Pictures
 from . import BYTES_EACH, DEFAULT_SECONDS, FEW_PHOTOS, KEPT, start, usual_steps
+from .contradicted import contradicted, pixels
 from .contrast import smoothed
 from .descent import Descent, units
 from .exposed import log_gain
@@ -59,6 +60,7 @@ class TrainStats:
         floating: how many were left out because they float beside an object that masks leave alone.
         steps, planned: how many were taken, and how many there would have been with more seconds.
         rounds: dB of the photos of every round, as each was just before its step, at the size that it then had.
+        contradicted: share of each photo that the others contradict; empty of few photos.
         psnr: dB of each photo at the end, as it was exposed.
     """
 
@@ -69,6 +71,7 @@ class TrainStats:
     steps: int = 0
     planned: int = 0
     rounds: list[list[float]] = field(default_factory=list)
+    contradicted: tuple[float, ...] = ()
     psnr: tuple[float, ...] = ()
 
     def note(self) -> str:
@@ -172,7 +175,7 @@ class _Training:
         self._threads, self._run = threads, Crew(threads or available_cores()).map
         halves = halved(targets)
         self._sizes = {4: halved(halves), 2: halves, 1: list(targets)}
-        self._gains = np.ones((len(targets), 3))
+        self._gains, self._contradicted = np.ones((len(targets), 3)), list[NDArray]()
         self._rng = np.random.default_rng(0)
         surface = start.Surface.of(capture, [target.photo for target in targets], settings, self._run)
         fitting = max(round(budget.size / (KEPT * BYTES_EACH)), 1) if budget.size else surface.needed
@@ -224,7 +227,7 @@ class _Training:
         smaller = settings.smaller(way)
         # Before black and white in turn: a black Gaussian shows nothing before black, but covers what is behind it,
         # and would else fade
-        target = self._exposed(view, smaller).before(float(self._stats.steps % 2))
+        target = self._trusted(view, smaller).before(float(self._stats.steps % 2))
         share = self._absent * way
         absent = self._rng.random(self._descent.field.count) < share if share else None
         descent, weight = self._descent, smaller * smaller
@@ -232,6 +235,14 @@ class _Training:
         if self._places and way >= settings.placed:
             self._places.correct(view, *descent.field.pulled(descent.gradient), way)
         return error.psnr
+
+    def _trusted(self, view: int, smaller: int) -> Target:
+        """`_exposed` without what other photos contradict."""
+        target = self._exposed(view, smaller)
+        if not self._contradicted or not self._contradicted[view].any():
+            return target
+        out = pixels(self._contradicted[view], target.photo.shape, smaller)
+        return replace(target, photo=np.where(out[..., None], np.float32(np.nan), target.photo))
 
     def _exposed(self, view: int, smaller: int) -> Target:
         """A photo as it would be with the scene's exposure, and its camera where it stands."""
@@ -245,7 +256,7 @@ class _Training:
         return self._places.seen(view, given) if self._places else given
 
     def _look(self, way: float) -> None:
-        """Drop what shows nothing; see how photos were exposed, and add what is wanting."""
+        """Drop what shows nothing; see how photos were exposed, what they contradict, and add what is wanting."""
         self._drop()
         if any(target.nothing is not None for target in self._sizes[1]):
             self._clear()
@@ -255,6 +266,11 @@ class _Training:
             return
         gaussians = field.gaussians()
         wrong = self._seen(gaussians)
+        if way >= settings.agreed and len(wrong) > FEW_PHOTOS:
+            self._contradicted = contradicted(wrong, settings.contradicted)
+            self._stats.contradicted = tuple(float(blocks.mean()) for blocks in self._contradicted)
+            for own, blocks in zip(wrong, self._contradicted, strict=True):
+                own[pixels(blocks, own.shape)] = 0
         share = settings.start + (1 - settings.start) * min(way / settings.grown, 1)
         lacking = round(self._count * share) - field.count
         if lacking <= 0:
