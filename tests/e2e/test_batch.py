@@ -245,9 +245,10 @@ def test_lines_failures_and_another_try(tmp_path: Path) -> None:
     done = tinysplat(
         "batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--json-lines", "--workers", "1", "--target-size", "9KB"
     )
-    records = [json.loads(line) for line in done.stdout.splitlines()]
-    assert done.returncode == 2 and {r["name"]: r["status"] for r in records} == {"good": "done", "missing": "failed"}
-    assert gone.name in records[0]["warning"] and "Warning" not in done.stderr
+    records = {record["name"]: record for record in map(json.loads, done.stdout.splitlines())}
+    assert done.returncode == 2
+    assert {name: record["status"] for name, record in records.items()} == {"good": "done", "missing": "failed"}
+    assert gone.name in records["good"]["warning"] and "Warning" not in done.stderr
     assert (tmp_path / "out" / "good.tsplat").stat().st_size <= 9000
     again = tinysplat("batch", tmp_path / "list.txt", "-o", tmp_path / "out", "--retry-failed", "--workers", "1",
                       "--target-size", "9KB")  # fmt: skip
