@@ -27,9 +27,6 @@ LIST_QP, FEW_LIST_QP = -5.0, -6.0
 """Default Q_g of a capture as one list, and of one of few photos, which has few bytes to save: training brings it
 nearer to its photos than most inputs of `compress` are, so that the same steps would lose more."""
 
-MOVED = 0.02
-"""Share of a photo that the others contradict, from which on it is named."""
-
 TRAINED = 2.2
 """Share of time of a step of training, times the photos."""
 
@@ -49,7 +46,7 @@ def _trained(run: Run) -> Run:
         disk.let_go()
         found = trained(run.made, targets, budget, threads=run.tools.threads, stats=stats, told=run.told)
     run.told.say("doubt" if stats.is_cut_short else "notice", stats.text)
-    if moved := [name_of(run.photos.frames[view]) for view in np.flatnonzero(np.array(stats.contradicted) >= MOVED)]:
+    if moved := [name_of(run.photos.frames[view]) for view, share in enumerate(stats.contradicted) if share]:
         what = f"{max(stats.contradicted):.0%} of a photo at most that the others contradict"
         run.told.say("notice", f"left out of {printable.enumerated(moved)}: {what}; something moved", run.photos.path)
     note = f"{stats.steps} steps on {len(targets)} photos: {np.nanmean(stats.psnr):.1f} dB"
