@@ -53,21 +53,18 @@ _CONFIDENT = 0.45  # the best depth's cost over the mean cost of all depths, bel
 
 
 @dataclass(frozen=True, eq=False)
-class CostVolume:
-    """What thumbnails show of each other.
+class BestDepths:
+    """At which depths a photo's thumbnail shows what another one does.
 
     Attributes:
-        costs: (P, H, W) for every pixel of one photo and P depths: mean distance of colours, 0 to 1.
+        best: (H, W) int, which of `depths` fits each pixel best.
+        confident: (H, W) bool, which pixels tell their depth.
         depths: (P,) scene units.
     """
 
-    costs: NDArray
+    best: NDArray
+    confident: NDArray
     depths: NDArray
-
-    @property
-    def confident(self) -> NDArray:
-        """(H, W) bool, which pixels tell their depth."""
-        return self.costs.min(axis=0) < _CONFIDENT * self.costs.mean(axis=0)
 
 
 def thumbnail_size(camera: Camera, side: int = LOOK_WIDTH) -> tuple[int, int]:
@@ -76,7 +73,7 @@ def thumbnail_size(camera: Camera, side: int = LOOK_WIDTH) -> tuple[int, int]:
     return max(8, round(camera.height * scale)), max(8, round(camera.width * scale))
 
 
-def cost_volumes(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[CostVolume]:
+def all_best_depths(images: NDArray, cameras: Sequence[Camera], depths: NDArray) -> list[BestDepths]:
     """Photos compared with the ones nearest to them.
 
     Args:
@@ -86,7 +83,7 @@ def cost_volumes(images: NDArray, cameras: Sequence[Camera], depths: NDArray) ->
     """
     others = neighbours(cameras)[:, 0]
     return [
-        cost_volume(image, camera, images[other], cameras[other], depths)
+        best_depths(image, camera, images[other], cameras[other], depths)
         for image, camera, other in zip(images, cameras, others, strict=True)
     ]
 
@@ -104,12 +101,13 @@ def neighbours(cameras: Sequence[Camera]) -> NDArray:
     return order
 
 
-def cost_volume(image: NDArray, camera: Camera, other: NDArray, other_camera: Camera, depths: NDArray) -> CostVolume:
+def best_depths(image: NDArray, camera: Camera, other: NDArray, other_camera: Camera, depths: NDArray) -> BestDepths:
     """A photo (H, W, 3) compared with another, both float in [0, 1] of their cameras' sizes, at depths (P,) > 0."""
-    return CostVolume(_costs(image, camera, other, other_camera, depths), depths)
+    costs = _costs(image, camera, other, other_camera, depths)
+    return BestDepths(costs.argmin(axis=0), costs.min(axis=0) < _CONFIDENT * costs.mean(axis=0), depths)
 
 
-def consistency(own: CostVolume, camera: Camera, other: CostVolume, other_camera: Camera) -> float:
+def consistency(own: BestDepths, camera: Camera, other: BestDepths, other_camera: Camera) -> float:
     """Share of a photo's pixels in another's frame at whose best depth the other's own best depth lies, 0 to 1.
 
     Photos of different things often find colours that fit, but not at the same places from both sides.
@@ -124,11 +122,11 @@ def consistency(own: CostVolume, camera: Camera, other: CostVolume, other_camera
 
 def _both_ways(
     images: NDArray, cameras: Sequence[Camera], pair: tuple[int, int], depths: NDArray
-) -> list[tuple[CostVolume, NDArray]]:
+) -> list[tuple[BestDepths, NDArray]]:
     """Of either of two photos what it shows of the other, and (H, W) which pixels tell a depth that the other has."""
     v, u = pair
-    here = cost_volume(images[v], cameras[v], images[u], cameras[u], depths)
-    there = cost_volume(images[u], cameras[u], images[v], cameras[v], depths)
+    here = best_depths(images[v], cameras[v], images[u], cameras[u], depths)
+    there = best_depths(images[u], cameras[u], images[v], cameras[v], depths)
     both = ((here, cameras[v], there, cameras[u]), (there, cameras[u], here, cameras[v]))
     return [(one[0], one[0].confident & _consistent(*one)[1]) for one in both]
 
@@ -141,7 +139,7 @@ def range_seen(images: NDArray, cameras: Sequence[Camera], told: Told = NOBODY) 
     are as many as a thumbnail has pixels along its longer side.
 
     Args:
-        images, cameras: as for `cost_volumes`.
+        images, cameras: as for `all_best_depths`.
         told: is told of each pair of photos.
 
     Raises:
@@ -196,17 +194,17 @@ def _sure_depths(images: NDArray, cameras: Sequence[Camera], pair: tuple[int, in
     """Depths of the pixels of each of two photos that tell it and that the other has at about the same depth."""
     inverse = np.linspace(1 / (apart * REACH[0]), 1 / (apart * REACH[1]), max(images.shape[1:3]))
     both = _both_ways(images, cameras, pair, 1 / inverse)
-    return [volume.depths[volume.costs.argmin(axis=0)[is_told]] for volume, is_told in both]
+    return [found.depths[found.best[is_told]] for found, is_told in both]
 
 
-def _consistent(own: CostVolume, camera: Camera, other: CostVolume, other_camera: Camera) -> tuple[NDArray, NDArray]:
+def _consistent(own: BestDepths, camera: Camera, other: BestDepths, other_camera: Camera) -> tuple[NDArray, NDArray]:
     """Which pixels (H, W) lie in another photo's frame, and at which of these it has that depth, too."""
     inverse = 1 / own.depths
-    best = own.depths[own.costs.argmin(axis=0)]
+    best = own.depths[own.best]
     (point,) = _points(camera, other_camera, best.shape, best[None, :, :, None])
     row, column, inside = _places(point, other_camera)
     step = abs(inverse[-1] - inverse[0]) / (len(inverse) - 1)
-    there = inverse[other.costs.argmin(axis=0)][row, column]
+    there = inverse[other.best][row, column]
     with np.errstate(divide="ignore"):
         return inside, inside & (np.abs(1 / point[..., 2] - there) <= _SAME * step)
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...scene.look import CostVolume, consistency, cost_volumes, neighbours
+from ...scene.look import BestDepths, all_best_depths, consistency, neighbours
 from .seen import AGREEING, Seen
 
 HARDLY = 0.1
@@ -26,10 +26,10 @@ def range_doubts(seen: Seen) -> list[str]:
     near, far = seen.depths[0], seen.depths[-1]
     if np.ptp([camera.centre for camera in seen.cameras], axis=0).max() <= 1e-6 * near:
         return []  # no range would do from one place, which the network refuses in words of its own
-    volumes = cost_volumes(seen.images, seen.cameras, seen.depths)
-    if not _match(seen, volumes):
-        volumes = cost_volumes(seen.evened, seen.cameras, seen.depths)
-    if not _match(seen, volumes):
+    views = all_best_depths(seen.images, seen.cameras, seen.depths)
+    if not _match(seen, views):
+        views = all_best_depths(seen.evened, seen.cameras, seen.depths)
+    if not _match(seen, views):
         if seen.confirmed:
             return []  # most overlap too little for a depth, but what they have in common is where cameras say
         who = " and ".join(seen.names) if len(seen.names) == 2 else "the photos"
@@ -39,7 +39,7 @@ def range_doubts(seen: Seen) -> list[str]:
         return [f"{who} do not match {range_}{names}: too little overlap, other places, or wrong poses or depths"]
     if seen.is_estimated:
         return []
-    best = np.concatenate([found.costs.argmin(axis=0)[found.confident] for found in volumes])
+    best = np.concatenate([found.best[found.confident] for found in views])
     low, high = np.percentile(best, (10, 90))
     shown = seen.depths[round(low)], seen.depths[round(high)]
     if shown[0] < EMPTY * near:
@@ -48,9 +48,9 @@ def range_doubts(seen: Seen) -> list[str]:
     return [f"near {near:g} and far {far:g} reach far beyond what the photos show, most of it from {extent}"]
 
 
-def _match(seen: Seen, volumes: Sequence[CostVolume]) -> bool:
+def _match(seen: Seen, views: Sequence[BestDepths]) -> bool:
     """Whether pixels tell their depth, and any photo most often the depth that the one nearest to it has, too."""
     cameras = seen.cameras
     nearest = enumerate(neighbours(cameras)[:, 0])
-    alike = max(consistency(volumes[v], cameras[v], volumes[u], cameras[u]) for v, u in nearest)
-    return alike >= AGREEING and max(volume.confident.mean() for volume in volumes) >= HARDLY
+    alike = max(consistency(views[v], cameras[v], views[u], cameras[u]) for v, u in nearest)
+    return alike >= AGREEING and max(view.confident.mean() for view in views) >= HARDLY
