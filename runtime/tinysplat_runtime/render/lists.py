@@ -102,7 +102,8 @@ class SplatBuffers:
         if wide:
             _redo_wide(chunks.block(), view, records, gaussians)
         records[:, LAST] = front
-        records[:, LOG_OPACITY] += np.float32(math.log(opaque))
+        if opaque < 1:
+            records[:, LOG_OPACITY] += np.float32(math.log(opaque))
         visible = _visible(records, first, ids, boxes, view)
         if self._found is None:
             place = self._put(records)
